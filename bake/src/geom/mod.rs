@@ -1,0 +1,1 @@
+//! Geometry: triangles, rays, charts and texels.

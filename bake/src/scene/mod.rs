@@ -1,0 +1,3 @@
+//! The scene: from glTF bytes to checked data in world units.
+
+pub mod model;

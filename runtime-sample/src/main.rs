@@ -1,0 +1,2 @@
+//! Shows a bake.
+fn main() {}

@@ -1,0 +1,1 @@
+//! `manifest.json`: what a bake wrote.

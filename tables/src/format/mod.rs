@@ -1,0 +1,3 @@
+//! File formats that one tool writes and another reads.
+
+pub mod manifest;

@@ -1,0 +1,4 @@
+//! Numeric guards and running moments.
+
+pub mod guards;
+pub mod moments;

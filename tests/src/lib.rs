@@ -1,0 +1,1 @@
+//! Scene builders and helpers for whole-tool tests.
