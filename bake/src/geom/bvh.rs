@@ -194,9 +194,9 @@ impl Bvh {
                 let far = a.max(b).min_element() * WIDEN;
                 open[k] = near[k] <= far && near[k] <= limit;
             }
-            for k in 0..2 {
-                if open[k] && 0 < node.count[k] {
-                    open[k] = false;
+            for (k, open) in open.iter_mut().enumerate() {
+                if *open && 0 < node.count[k] {
+                    *open = false;
                     let first = node.first[k] as usize;
                     for leaf in &self.leaves[first..first + node.count[k] as usize] {
                         if let Some((t, bary)) = exact.intersect(&leaf.v, limit) {

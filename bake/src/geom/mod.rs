@@ -2,6 +2,7 @@
 
 pub mod bvh;
 pub mod ray;
+pub mod shade;
 pub mod world;
 
 pub use bvh::Bvh;
