@@ -285,3 +285,6 @@ fn cells(lo: f64, hi: f64, count: u32) -> std::ops::Range<u32> {
 fn index(n: usize) -> u32 {
     u32::try_from(n).unwrap_or(u32::MAX)
 }
+
+#[cfg(test)]
+mod tests;

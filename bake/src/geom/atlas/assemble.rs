@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use glam::{DVec2, Vec2};
-use uvunwrap::OutputMesh;
+use uvunwrap::{OutputMesh, OutputVertex};
 
 use super::{
     Atlas, AtlasOptions, Layout, NO_CHART, Page, Placement,
@@ -15,9 +15,6 @@ use crate::{error::Finding, scene::model::Scene};
 
 /// Pages come in multiples of this many texels, the block size of GPU texture compression.
 const BLOCK: u32 = 4;
-
-/// Texels by which rounding may carry a rectangle over a whole number.
-const ROUNDING: f64 = 2e-3;
 
 /// Makes layouts, placements and pages.
 pub(super) fn assemble(
@@ -40,10 +37,9 @@ pub(super) fn assemble(
         place(scene, class, shape, source, mesh, rects, &mut atlas);
         for (r, &m) in rects.iter().zip(&source.members) {
             if let Some(p) = atlas.placements[class.members[m].surface] {
-                for axis in 0..2 {
-                    let end = p.min[axis] + p.size[axis] + options.padding;
-                    used[r.page][axis] = end.max(used[r.page][axis]);
-                }
+                let end = |axis: usize| p.min[axis] + p.size[axis] + options.padding;
+                let [w, h] = used[r.page];
+                used[r.page] = [end(0).max(w), end(1).max(h)];
             }
         }
     }
@@ -55,7 +51,7 @@ pub(super) fn assemble(
     atlas
 }
 
-/// Adds the source's layouts, one for each different size, and its placements.
+/// Adds the source's layout and its placements.
 fn place(
     scene: &Scene,
     class: &Class,
@@ -65,58 +61,71 @@ fn place(
     rects: &[Rect],
     atlas: &mut Atlas,
 ) {
-    let mut known: BTreeMap<[u64; 2], usize> = BTreeMap::new();
+    let Some(size) = rects.first().map(|r| r.size) else {
+        return;
+    };
     for (rect, &m) in rects.iter().zip(&source.members) {
-        let size = rect.size.map(round_up);
-        // Texture coordinates are stretched back so that texels stay as large as asked; what is
-        // smaller than a texel fills it.
-        let fill = DVec2::new(
-            (rect.size[0].max(1.0) / f64::from(size[0])).min(1.0),
-            (rect.size[1].max(1.0) / f64::from(size[1])).min(1.0),
-        );
-        let key = [fill.x.to_bits(), fill.y.to_bits()];
-        let layout = *known.entry(key).or_insert_with(|| {
-            atlas.layouts.push(match &shape.kept {
-                Some(k) => kept::layout(scene, class.mesh, k, mesh, fill),
-                None => unwrapped(scene, class.mesh, shape, mesh, fill),
-            });
-            atlas.layouts.len() - 1
-        });
         atlas.placements[class.members[m].surface] = Some(Placement {
-            layout,
+            layout: atlas.layouts.len(),
             page: rect.page,
             min: rect.min,
             size,
             texels_per_metre: narrow(rect.density),
         });
     }
+    atlas.layouts.push(match &shape.kept {
+        Some(k) => kept::layout(scene, class.mesh, k, mesh),
+        None => unwrapped(class.mesh, shape, mesh, size),
+    });
 }
 
-fn unwrapped(scene: &Scene, index: usize, shape: &Shape, mesh: &OutputMesh, fill: DVec2) -> Layout {
+fn unwrapped(mesh: usize, shape: &Shape, out: &OutputMesh, size: [u32; 2]) -> Layout {
     let source = |v: u32| shape.origin.as_ref().map_or(v, |o| o[v as usize]);
-    let uvs: Vec<Vec2> =
-        mesh.vertices.iter().map(|v| (DVec2::from(v.uv.map(f64::from)) * fill).as_vec2()).collect();
-    let triangles: Vec<[u32; 3]> = mesh.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
-    let first = mesh.vertices.iter().filter_map(|v| v.chart).min().unwrap_or(0);
+    let uvs = widen(out, DVec2::new(f64::from(size[0]), f64::from(size[1])));
+    let triangles: Vec<[u32; 3]> = out.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
+    let first = out.vertices.iter().filter_map(|v| v.chart).min().unwrap_or(0);
     let charts = triangles
         .iter()
         .map(|t| {
             let flat = cross(t.map(|v| uvs[v as usize].as_dvec2())) == 0.0;
-            match mesh.vertices[t[0] as usize].chart {
+            match out.vertices[t[0] as usize].chart {
                 Some(c) if !flat => c - first,
                 _ => NO_CHART,
             }
         })
         .collect();
-    debug_assert_eq!(triangles.len(), scene.meshes[index].triangles.len());
-    Layout {
-        mesh: index,
-        vertices: mesh.vertices.iter().map(|v| source(v.xref)).collect(),
-        uvs,
-        triangles,
-        charts,
-        kept: false,
+    let vertices = out.vertices.iter().map(|v| source(v.xref)).collect();
+    Layout { mesh, vertices, uvs, triangles, charts, kept: false }
+}
+
+/// The coordinates, with charts narrower than a texel stretched to fill it: each has at least one
+/// texel to itself, and a chart far smaller than that would be lost to rounding.
+fn widen(out: &OutputMesh, size: DVec2) -> Vec<Vec2> {
+    let at = |v: &OutputVertex| DVec2::from(v.uv.map(f64::from)) * size;
+    let mut bounds: BTreeMap<u32, (DVec2, DVec2)> = BTreeMap::new();
+    for v in &out.vertices {
+        if let Some(chart) = v.chart {
+            let p = at(v);
+            let b = bounds.entry(chart).or_insert((p, p));
+            *b = (b.0.min(p), b.1.max(p));
+        }
     }
+    out.vertices
+        .iter()
+        .map(|v| {
+            let mut p = at(v);
+            if let Some((lo, hi)) = v.chart.and_then(|c| bounds.get(&c)) {
+                let extent = *hi - *lo;
+                let cell = ((*lo + *hi) * 0.5).floor();
+                for axis in 0..2 {
+                    if 0.0 < extent[axis] && extent[axis] < 1.0 {
+                        p[axis] = cell[axis] + (p[axis] - lo[axis]) / extent[axis];
+                    }
+                }
+            }
+            (p / size).clamp(DVec2::ZERO, DVec2::ONE).as_vec2()
+        })
+        .collect()
 }
 
 /// Fills in the number of charts and the utilisation.
@@ -140,16 +149,6 @@ pub(super) fn measure(atlas: &mut Atlas) {
     if 0.0 < total {
         atlas.utilisation = narrow(covered / total).clamp(0.0, 1.0);
     }
-}
-
-fn round_up(x: f64) -> u32 {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "sizes on a page of at most 2^15 texels"
-    )]
-    let n = (x - ROUNDING).ceil().max(1.0) as u32;
-    n
 }
 
 pub(super) fn narrow(x: f64) -> f32 {

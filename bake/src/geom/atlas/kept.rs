@@ -24,7 +24,7 @@ const GAP: u32 = 2;
 
 /// The file's coordinates moved into the rectangle that the packer gave to a stand-in: `packed`
 /// is that stand-in, a rectangle with corners (0, 0), (1, 0), (1, 1), (0, 1), perhaps turned.
-pub(super) fn layout(scene: &Scene, mesh: usize, kept: &Kept, packed: &OutputMesh, fill: DVec2) -> Layout {
+pub(super) fn layout(scene: &Scene, mesh: usize, kept: &Kept, packed: &OutputMesh) -> Layout {
     let corner = |n: u32| {
         packed.vertices.iter().find(|v| v.xref == n).map_or(DVec2::ZERO, |v| DVec2::from(v.uv.map(f64::from)))
     };
@@ -32,7 +32,7 @@ pub(super) fn layout(scene: &Scene, mesh: usize, kept: &Kept, packed: &OutputMes
     let extent = kept.hi - kept.lo;
     whole(scene, mesh, |p| {
         let q = ((p - kept.shift - kept.lo) / extent).clamp(DVec2::ZERO, DVec2::ONE);
-        ((o + u * q.x + v * q.y) * fill).clamp(DVec2::ZERO, DVec2::ONE).as_vec2()
+        (o + u * q.x + v * q.y).clamp(DVec2::ZERO, DVec2::ONE).as_vec2()
     })
 }
 

@@ -23,6 +23,10 @@ mod group;
 mod kept;
 mod overlap;
 mod pack;
+#[cfg(test)]
+pub(crate) mod testing;
+#[cfg(test)]
+mod tests;
 mod valid;
 
 use std::sync::atomic::{AtomicUsize, Ordering};

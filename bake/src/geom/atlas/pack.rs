@@ -12,9 +12,13 @@ use crate::{
     scene::model::Scene,
 };
 
-/// Sizes in one shared layout differ by this factor at most, because the padding of the smallest
-/// decides and grows with the others.
-const SPREAD: f64 = 1.25;
+/// Surfaces whose sizes differ by at most this factor get rectangles of the same size, so that one
+/// layout fits the texel grid in all of them. Only whole texels keep charts apart exactly.
+const SPREAD: f64 = 1.005;
+
+/// Shrinks everything by so little that a length which is a whole number of texels but for
+/// rounding does not spill into one texel more.
+const SNUG: f64 = 1.0 - 1.0 / 16384.0;
 
 /// Several surfaces of one class that share a layout.
 pub(super) struct Source {
@@ -22,9 +26,9 @@ pub(super) struct Source {
     pub(super) class: usize,
     /// Indices into the class's members.
     pub(super) members: Vec<usize>,
-    /// Metres per unit of the class's positions for each member, times the ratio of the member's
-    /// density to that of the atlas.
-    pub(super) scales: Vec<f64>,
+    /// Metres per unit of the class's positions, times the ratio of the surfaces' own density to
+    /// that of the atlas; for the smallest member.
+    pub(super) scale: f64,
 }
 
 /// What the packer sees of a class: triangles, or for kept coordinates the rectangle they span.
@@ -82,8 +86,8 @@ pub(super) struct Rect {
     pub(super) page: usize,
     /// Texels.
     pub(super) min: [u32; 2],
-    /// Texels, not yet rounded up.
-    pub(super) size: [f64; 2],
+    /// Texels.
+    pub(super) size: [u32; 2],
     /// Texels per metre.
     pub(super) density: f64,
 }
@@ -197,14 +201,17 @@ impl Job<'_> {
         // What cannot fit by its area is found without trying; then what is large; then anything.
         for share in [0.9, 0.02, 0.0] {
             for (limit, source) in limits.iter_mut().zip(&sources) {
-                let texels = self.texels(source, density).fold(0.0, f64::max);
+                let texels = self.texels(source, density);
                 if limit.is_none() && share * side * side <= texels {
                     *limit = Some(self.limit(source, density, max_size)?);
                 }
             }
             let factors: Vec<f64> = limits.iter().map(|l| l.unwrap_or(1.0)).collect();
-            let total: f64 =
-                sources.iter().zip(&factors).map(|(s, l)| self.texels(s, density * l).sum::<f64>()).sum();
+            let total: f64 = sources
+                .iter()
+                .zip(&factors)
+                .map(|(s, l)| self.texels(s, density * l) * s.members.len() as f64)
+                .sum();
             if total < 0.8 * side * side {
                 match self.generate(&sources, &factors, Mode::Grow(density)) {
                     Ok(out) if out.0.width.max(out.0.height) <= max_size => {
@@ -230,23 +237,19 @@ impl Job<'_> {
         )))
     }
 
-    /// Texels that the charts of each member cover at a density.
-    fn texels<'a>(&self, source: &'a Source, density: f64) -> impl Iterator<Item = f64> + use<'a> {
-        let area = self.classes[source.class].area;
-        source.scales.iter().map(move |k| area * (k * density) * (k * density))
+    /// Texels that the charts of one member cover at a density.
+    fn texels(&self, source: &Source, density: f64) -> f64 {
+        let side = source.scale * density;
+        self.classes[source.class].area * side * side
     }
 
-    /// Factor at most 1 on the density with which the source's largest member fits a page.
+    /// Factor at most 1 on the density with which the source's members fit a page.
     fn limit(&self, source: &Source, density: f64, max_size: u32) -> Result<f64, Error> {
-        let largest = source.scales.iter().copied().fold(0.0, f64::max);
-        let smallest = source.scales.iter().copied().fold(f64::INFINITY, f64::min);
-        let alone = Source { class: source.class, members: vec![0], scales: vec![largest] };
+        let alone = Source { members: vec![source.members[0]], ..*source };
         let (_, found) = self.generate(&[alone], &[1.0], Mode::Auto(max_size)).map_err(|e| refused(&e))?;
-        // The layout is made for the smallest member and cut to whole texels, so it may come out a
-        // little larger than alone.
-        let spare = if smallest < largest { 0.95 } else { 1.0 };
-        let factor = found * spare / density;
-        Ok(if 1.0 < factor { 1.0 } else { factor * 0.99 })
+        // What just fits alone has to fit again after rounding.
+        let factor = found / density * 0.99;
+        Ok(factor.min(1.0))
     }
 
     fn report_limits(
@@ -260,9 +263,9 @@ impl Job<'_> {
         let mut out = Vec::new();
         for (source, &limit) in sources.iter().zip(limits) {
             let class = &self.classes[source.class];
-            for (&m, scale) in source.members.iter().zip(&source.scales) {
+            for &m in &source.members {
                 if limit < 1.0 {
-                    let asked = density * scale / class.members[m].metres;
+                    let asked = density * source.scale / class.members[m].metres;
                     let surface = class.members[m].surface;
                     out.push((surface, asked, asked * limit));
                 }
@@ -283,7 +286,7 @@ impl Job<'_> {
 
     /// Surfaces grouped for sharing, given the density of the atlas in texels per metre.
     fn sources(&self, density: f64) -> Vec<Source> {
-        let mut out = Vec::new();
+        let mut out: Vec<Source> = Vec::new();
         for (index, class) in self.classes.iter().enumerate() {
             let mut order: Vec<(f64, usize)> = (0..class.members.len())
                 .map(|m| {
@@ -297,13 +300,10 @@ impl Job<'_> {
             order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             for (scale, member) in order {
                 match out.last_mut() {
-                    Some(Source { class, scales, members })
-                        if *class == index && scale <= scales[0] * SPREAD =>
-                    {
-                        scales.push(scale);
-                        members.push(member);
+                    Some(s) if s.class == index && scale <= s.scale * SPREAD => {
+                        s.members.push(member);
                     }
-                    _ => out.push(Source { class: index, members: vec![member], scales: vec![scale] }),
+                    _ => out.push(Source { class: index, members: vec![member], scale }),
                 }
             }
         }
@@ -318,12 +318,12 @@ impl Job<'_> {
         mode: Mode,
     ) -> Result<(uvunwrap::Atlas, f64), UvError> {
         // In units of a power of two near the largest surface's, so that lengths cancel exactly.
-        let largest = sources.iter().flat_map(|s| &s.scales).copied().fold(0.0, f64::max);
+        let largest = sources.iter().map(|s| s.scale).fold(0.0, f64::max);
         let unit = power_of_two(largest);
         let scales: Vec<Vec<f32>> = sources
             .iter()
             .zip(limits)
-            .map(|(s, l)| s.scales.iter().map(|k| narrow(k * l / unit)).collect())
+            .map(|(s, l)| vec![narrow(s.scale * l * SNUG / unit); s.members.len()])
             .collect();
         let inputs: Vec<MeshInput<'_>> = sources
             .iter()
@@ -374,18 +374,16 @@ impl Job<'_> {
             .zip(limits)
             .map(|((source, mesh), limit)| {
                 let class = &self.classes[source.class];
-                let members = source.members.iter().zip(&source.scales).zip(&mesh.instances);
-                members
-                    .map(|((&m, scale), r)| Rect {
-                        page: r.page as usize,
-                        min: [whole(f64::from(r.min[0]) * width), whole(f64::from(r.min[1]) * height)],
-                        size: [
-                            (f64::from(r.max[0]) - f64::from(r.min[0])) * width,
-                            (f64::from(r.max[1]) - f64::from(r.min[1])) * height,
-                        ],
-                        density: density * scale * limit / class.members[m].metres,
-                    })
-                    .collect()
+                let rect = |(&m, r): (&usize, &uvunwrap::InstanceRect)| {
+                    let min = [f64::from(r.min[0]) * width, f64::from(r.min[1]) * height];
+                    let max = [f64::from(r.max[0]) * width, f64::from(r.max[1]) * height];
+                    let min = min.map(whole);
+                    // The layout was made for this very size, so it is whole but for rounding.
+                    let size = [0, 1].map(|i| (whole(max[i]).saturating_sub(min[i])).max(1));
+                    let density = density * source.scale * limit / class.members[m].metres;
+                    Rect { page: r.page as usize, min, size, density }
+                };
+                source.members.iter().zip(&mesh.instances).map(rect).collect()
             })
             .collect();
         Packed { density, pages: atlas.page_count as usize, width: 0, sources, meshes: atlas.meshes, rects }
