@@ -16,6 +16,9 @@ use crate::{error::Finding, scene::model::Scene};
 /// Pages come in multiples of this many texels, the block size of GPU texture compression.
 const BLOCK: u32 = 4;
 
+/// Texels that charts stay clear of the next texel: more than the spacing of f32 at 8192 texels.
+pub(super) const CLEAR: f64 = 1.0 / 512.0;
+
 /// Makes layouts, placements and pages.
 pub(super) fn assemble(
     scene: &Scene,
@@ -74,14 +77,14 @@ fn place(
         });
     }
     atlas.layouts.push(match &shape.kept {
-        Some(k) => kept::layout(scene, class.mesh, k, mesh),
+        Some(k) => kept::layout(scene, class.mesh, k, mesh, size),
         None => unwrapped(class.mesh, shape, mesh, size),
     });
 }
 
 fn unwrapped(mesh: usize, shape: &Shape, out: &OutputMesh, size: [u32; 2]) -> Layout {
     let source = |v: u32| shape.origin.as_ref().map_or(v, |o| o[v as usize]);
-    let uvs = widen(out, DVec2::new(f64::from(size[0]), f64::from(size[1])));
+    let uvs = settle(out, DVec2::new(f64::from(size[0]), f64::from(size[1])));
     let triangles: Vec<[u32; 3]> = out.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
     let first = out.vertices.iter().filter_map(|v| v.chart).min().unwrap_or(0);
     let charts = triangles
@@ -98,9 +101,10 @@ fn unwrapped(mesh: usize, shape: &Shape, out: &OutputMesh, size: [u32; 2]) -> La
     Layout { mesh, vertices, uvs, triangles, charts, kept: false }
 }
 
-/// The coordinates, with charts narrower than a texel stretched to fill it: each has at least one
-/// texel to itself, and a chart far smaller than that would be lost to rounding.
-fn widen(out: &OutputMesh, size: DVec2) -> Vec<Vec2> {
+/// The coordinates, with each chart moved a little inside the whole texels it has to itself, so that
+/// rounding never carries an edge into the next texel. Charts narrower than a texel are stretched
+/// to fill it: rounding would lose them altogether otherwise.
+fn settle(out: &OutputMesh, size: DVec2) -> Vec<Vec2> {
     let at = |v: &OutputVertex| DVec2::from(v.uv.map(f64::from)) * size;
     let mut bounds: BTreeMap<u32, (DVec2, DVec2)> = BTreeMap::new();
     for v in &out.vertices {
@@ -115,17 +119,29 @@ fn widen(out: &OutputMesh, size: DVec2) -> Vec<Vec2> {
         .map(|v| {
             let mut p = at(v);
             if let Some((lo, hi)) = v.chart.and_then(|c| bounds.get(&c)) {
-                let extent = *hi - *lo;
-                let cell = ((*lo + *hi) * 0.5).floor();
                 for axis in 0..2 {
-                    if 0.0 < extent[axis] && extent[axis] < 1.0 {
-                        p[axis] = cell[axis] + (p[axis] - lo[axis]) / extent[axis];
-                    }
+                    p[axis] = inside(p[axis], lo[axis], hi[axis]);
                 }
             }
             (p / size).clamp(DVec2::ZERO, DVec2::ONE).as_vec2()
         })
         .collect()
+}
+
+/// Moves `x` as the interval from `lo` to `hi` has to move to stay clear of the ends of its texels.
+fn inside(x: f64, lo: f64, hi: f64) -> f64 {
+    let length = hi - lo;
+    if length <= 0.0 {
+        return x;
+    }
+    let (from, to) = if length < 1.0 {
+        let cell = ((lo + hi) * 0.5).floor();
+        (cell + CLEAR, cell + 1.0 - CLEAR)
+    } else {
+        let (first, end) = ((lo + CLEAR).floor(), (hi - CLEAR).ceil());
+        (lo.max(first + CLEAR), hi.min(end - CLEAR))
+    };
+    from + (x - lo) / length * (to - from)
 }
 
 /// Fills in the number of charts and the utilisation.

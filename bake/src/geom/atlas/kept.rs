@@ -8,7 +8,7 @@ use uvunwrap::OutputMesh;
 
 use super::{
     Atlas, AtlasOptions, Density, Layout, NO_CHART, Page, Placement,
-    assemble::{measure, narrow},
+    assemble::{CLEAR, measure, narrow},
     group::{Class, cross},
     overlap::overlap,
     valid::{self, Kept, Validity},
@@ -24,7 +24,7 @@ const GAP: u32 = 2;
 
 /// The file's coordinates moved into the rectangle that the packer gave to a stand-in: `packed`
 /// is that stand-in, a rectangle with corners (0, 0), (1, 0), (1, 1), (0, 1), perhaps turned.
-pub(super) fn layout(scene: &Scene, mesh: usize, kept: &Kept, packed: &OutputMesh) -> Layout {
+pub(super) fn layout(scene: &Scene, mesh: usize, kept: &Kept, packed: &OutputMesh, size: [u32; 2]) -> Layout {
     let corner = |n: u32| {
         packed.vertices.iter().find(|v| v.xref == n).map_or(DVec2::ZERO, |v| DVec2::from(v.uv.map(f64::from)))
     };
@@ -32,7 +32,8 @@ pub(super) fn layout(scene: &Scene, mesh: usize, kept: &Kept, packed: &OutputMes
     let extent = kept.hi - kept.lo;
     whole(scene, mesh, |p| {
         let q = ((p - kept.shift - kept.lo) / extent).clamp(DVec2::ZERO, DVec2::ONE);
-        (o + u * q.x + v * q.y).clamp(DVec2::ZERO, DVec2::ONE).as_vec2()
+        let margin = DVec2::new(CLEAR / f64::from(size[0]), CLEAR / f64::from(size[1]));
+        (o + u * q.x + v * q.y).clamp(margin, DVec2::ONE - margin).clamp(DVec2::ZERO, DVec2::ONE).as_vec2()
     })
 }
 
