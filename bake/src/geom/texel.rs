@@ -287,4 +287,5 @@ fn index(n: usize) -> u32 {
 }
 
 #[cfg(test)]
+#[expect(clippy::cast_possible_truncation, reason = "small meshes and cell numbers")]
 mod tests;

@@ -24,10 +24,13 @@ mod kept;
 mod overlap;
 mod pack;
 #[cfg(test)]
+#[expect(clippy::cast_possible_truncation, reason = "small meshes")]
 pub(crate) mod testing;
 #[cfg(test)]
 mod tests;
 mod valid;
+#[cfg(feature = "xatlas")]
+pub mod xatlas;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -227,6 +230,15 @@ pub fn build(
         }
     }
     let shapes = pack::shapes(scene, &classes, &validity);
+    #[cfg(feature = "xatlas")]
+    let shapes = match options.engine {
+        Engine::Xatlas { seconds } => {
+            let mut shapes = shapes;
+            xatlas::chart(scene, &classes, &mut shapes, seconds, &meter, &mut findings)?;
+            shapes
+        }
+        Engine::Uvunwrap => shapes,
+    };
     let packed = pack::pack(scene, &classes, &shapes, options, &meter, &mut findings)?;
     let atlas = assemble::assemble(scene, &classes, &shapes, packed, options, &mut findings);
     if !meter.report(100) {
