@@ -1,8 +1,10 @@
 //! Geometry: triangles in the world, rays and the tree they traverse, charts and texels.
 
+pub mod atlas;
 pub mod bvh;
 pub mod ray;
 pub mod shade;
+pub mod texel;
 pub mod world;
 
 pub use bvh::Bvh;
