@@ -1,1 +1,4 @@
 //! Geometry: triangles, rays, charts and texels.
+
+pub mod atlas;
+pub mod texel;
