@@ -1,1 +1,609 @@
-//! `manifest.json`: what a bake wrote.
+//! `manifest.json` and `timings.json`: what a bake wrote, and what it took.
+//!
+//! The manifest is deterministic: equal inputs and settings give equal bytes, so it holds no time,
+//! no host and no thread count. Those are in [`Timings`].
+//!
+//! ```
+//! use tables::format::manifest::Manifest;
+//!
+//! let mut manifest = Manifest::new("bake", "0.1.0");
+//! manifest.seed = 7;
+//! let text = manifest.to_json()?;
+//! assert_eq!(Manifest::from_json(&text)?, manifest);
+//! # Ok::<(), tables::format::manifest::ManifestError>(())
+//! ```
+
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use serde_json::{Map, Value};
+
+/// `format` of every manifest.
+pub const FORMAT: &str = "bake-lightmaps";
+/// `version` this build writes, and the newest it reads.
+pub const VERSION: u32 = 1;
+/// `format` of every timings file.
+pub const TIMINGS_FORMAT: &str = "bake-timings";
+/// What a lightmap texel holds: `E / pi`, the radiance of a white Lambertian surface, in nits.
+pub const UNIT: &str = "radiance_white_lambert_nits";
+/// Primaries and transfer of every colour.
+pub const COLOR_SPACE: &str = "linear_rec709";
+/// File name of a manifest within a bake's folder.
+pub const FILE_NAME: &str = "manifest.json";
+/// File name of the timings within a bake's folder.
+pub const TIMINGS_FILE_NAME: &str = "timings.json";
+
+/// Why a manifest cannot be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum ManifestError {
+    /// Not JSON, or not of the manifest's shape; line and column are in the text.
+    #[error("not a valid {FORMAT} manifest: {0}")]
+    Json(#[from] serde_json::Error),
+    /// JSON that says it is something else, or nothing.
+    #[error("`format` is {found}, expected \"{expected}\"")]
+    Format {
+        /// What the file says, as JSON; `missing` where it says nothing.
+        found: String,
+        /// The format that was to be read.
+        expected: &'static str,
+    },
+    /// Written by a later release.
+    #[error("version {found} is newer than {supported}, the newest this release reads: update the tool")]
+    Newer {
+        /// Version in the file.
+        found: u64,
+        /// Newest readable version.
+        supported: u32,
+    },
+    /// `version` is missing or no positive integer.
+    #[error("`version` is {0}, expected an integer from 1 on")]
+    Version(String),
+}
+
+/// Contents of `manifest.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// [`FORMAT`].
+    pub format: String,
+    /// [`VERSION`].
+    pub version: u32,
+    /// Which program wrote this.
+    pub tool: Tool,
+    /// [`UNIT`].
+    pub unit: String,
+    /// [`COLOR_SPACE`].
+    pub color_space: String,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Every file that was read, in the order it was met.
+    pub inputs: Vec<Input>,
+    /// Every resolved option by its long name, in the command line's order.
+    pub settings: Map<String, Value>,
+    /// Lightmap pages, `pages[n]` is `lightmap-n`.
+    pub pages: Vec<Page>,
+    /// What has texels, in the scene's order.
+    pub surfaces: Vec<Surface>,
+    /// Lights of the scene, also those that were not baked.
+    pub lights: Vec<Light>,
+    /// What rays saw that left the scene.
+    pub sky: Sky,
+    /// Findings about the input, in the order they were made.
+    pub findings: Vec<Finding>,
+    /// Paths traced; replaying with these counts gives the same bytes.
+    pub samples: Samples,
+    /// Error figure of the whole bake.
+    pub error: ErrorFigure,
+    /// What had to be repaired or clamped.
+    pub counts: Counts,
+    /// Light probe sets; empty until there are any.
+    #[serde(default)]
+    pub probes: Vec<Value>,
+    /// Every other file of the folder but the timings, by name; the only files a later bake into
+    /// the same folder replaces or removes.
+    #[serde(default)]
+    pub files: Vec<File>,
+}
+
+/// A program and its version.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Tool {
+    /// Name.
+    pub name: String,
+    /// Semantic version.
+    pub version: String,
+}
+
+/// A file that was read.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Input {
+    /// What it was read as, such as `scene`, `buffer`, `image`, `sky` or `config`.
+    pub role: String,
+    /// Path as it was given, or as the scene names it.
+    pub path: String,
+    /// BLAKE3 of its bytes, 64 hexadecimal digits.
+    pub blake3: String,
+    /// Length in bytes.
+    pub bytes: u64,
+}
+
+/// One lightmap page.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Page {
+    /// File name of the EXR.
+    pub file: String,
+    /// File name of the tone-mapped picture, where there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub preview: Option<String>,
+    /// File name of the GPU-ready texture, where there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub texture: Option<String>,
+    /// Texels per row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Density of a surface without an override, texels per metre.
+    pub texels_per_metre: f32,
+    /// Texels that some chart covers at least in part.
+    pub covered_texels: u64,
+    /// Mean Rec. 709 luminance over covered texels, nits (of `E / pi`).
+    pub mean_luminance: f64,
+    /// Error figure of this page.
+    pub error: ErrorFigure,
+}
+
+/// Standard errors over covered texels, before denoising.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ErrorFigure {
+    /// Root of the mean squared standard error of luminance, nits (of `E / pi`).
+    pub rms_std_err: f64,
+    /// `rms_std_err` over the mean luminance; absent where the mean is zero or nothing is covered.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub relative: Option<f64>,
+    /// Largest standard error of luminance of one texel, nits.
+    pub max_std_err: f64,
+}
+
+/// Where one surface's texels are.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Surface {
+    /// glTF node index in the input.
+    pub node: usize,
+    /// Node names from the root, such as `hall/column.3`.
+    pub path: String,
+    /// Index within the node's `EXT_mesh_gpu_instancing` instances, if it has them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gpu_instance: Option<usize>,
+    /// glTF mesh index in the input.
+    pub mesh: usize,
+    /// Primitive index within the mesh.
+    pub primitive: usize,
+    /// Index into [`Manifest::pages`].
+    pub page: usize,
+    /// Rectangle on the page; row 0 is the top.
+    pub rect: Rect,
+    /// The same rectangle in [0, 1], the convention of glTF texture coordinates.
+    pub uv_rect: UvRect,
+    /// Density, texels per metre.
+    pub texels_per_metre: f32,
+    /// Whether the input's own second UV set was kept.
+    pub kept_uvs: bool,
+}
+
+/// A rectangle of texels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Rect {
+    /// Left-most column.
+    pub x: u32,
+    /// Top row.
+    pub y: u32,
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+impl Rect {
+    /// This rectangle in units of a page of `width` by `height` texels (both at least 1).
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the result")]
+    pub fn to_uv(self, width: u32, height: u32) -> UvRect {
+        let part = |n: u32, of: u32| (f64::from(n) / f64::from(of.max(1))) as f32;
+        UvRect {
+            min: [part(self.x, width), part(self.y, height)],
+            max: [part(self.x + self.width, width), part(self.y + self.height, height)],
+        }
+    }
+}
+
+/// A rectangle in texture coordinates; (0, 0) is the top left of the page.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct UvRect {
+    /// Top left.
+    pub min: [f32; 2],
+    /// Bottom right.
+    pub max: [f32; 2],
+}
+
+/// One light and what was baked of it.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Light {
+    /// Node names from the root.
+    pub path: String,
+    /// `point`, `spot`, `directional`, `emissive`, or what a later version adds.
+    pub kind: String,
+    /// What was baked.
+    pub mode: LightMode,
+}
+
+/// Which part of a light was baked.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LightMode {
+    /// Direct and indirect light.
+    #[default]
+    Baked,
+    /// Indirect light only.
+    Mixed,
+    /// Nothing.
+    Dynamic,
+}
+
+/// What rays saw that left the scene.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Sky {
+    /// No light.
+    #[default]
+    Black,
+    /// The same from everywhere.
+    Uniform {
+        /// Nits.
+        radiance: [f32; 3],
+    },
+    /// Linear in the sine of elevation.
+    Gradient {
+        /// Nits, straight up.
+        zenith: [f32; 3],
+        /// Nits, at the horizon.
+        horizon: [f32; 3],
+        /// Nits, straight down.
+        ground: [f32; 3],
+    },
+    /// Equirectangular image; its file is among the inputs.
+    Image {
+        /// Path as it was given.
+        path: String,
+        /// Multiplier from the file's values to nits.
+        scale: f32,
+        /// Quaternion x, y, z, w from sky space to world.
+        rotation: [f32; 4],
+    },
+}
+
+/// A finding about the input.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Finding {
+    /// `note`, `warning` or `error`.
+    pub severity: String,
+    /// Place in the input.
+    pub path: String,
+    /// What is wrong.
+    pub what: String,
+    /// What the author can do.
+    pub fix: String,
+}
+
+/// Paths per covered texel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Samples {
+    /// Paths in all.
+    pub total: u64,
+    /// Fewest in a covered texel; standard errors have at least `min - 1` degrees of freedom.
+    pub min: u64,
+    /// Mean over covered texels.
+    pub mean: f64,
+    /// Most in a covered texel.
+    pub max: u64,
+}
+
+/// What had to be repaired or clamped.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Counts {
+    /// Samples that were NaN or infinite and were replaced by black.
+    pub rejected_samples: u64,
+    /// Values beyond half-float range that were clamped in a half-float file.
+    pub half_overflows: u64,
+    /// Covered texels inside other geometry, filled from valid ones of their chart.
+    pub filled_texels: u64,
+    /// Charts without any valid texel; they stay black.
+    pub black_charts: u64,
+}
+
+/// A file of the folder.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct File {
+    /// Name within the folder.
+    pub name: String,
+    /// Length in bytes.
+    pub bytes: u64,
+}
+
+impl Manifest {
+    /// A manifest with nothing in it yet.
+    #[must_use]
+    pub fn new(tool: &str, tool_version: &str) -> Self {
+        Self {
+            format: FORMAT.to_owned(),
+            version: VERSION,
+            tool: Tool { name: tool.to_owned(), version: tool_version.to_owned() },
+            unit: UNIT.to_owned(),
+            color_space: COLOR_SPACE.to_owned(),
+            seed: 0,
+            inputs: Vec::new(),
+            settings: Map::new(),
+            pages: Vec::new(),
+            surfaces: Vec::new(),
+            lights: Vec::new(),
+            sky: Sky::Black,
+            findings: Vec::new(),
+            samples: Samples::default(),
+            error: ErrorFigure::default(),
+            counts: Counts::default(),
+            probes: Vec::new(),
+            files: Vec::new(),
+        }
+    }
+
+    /// Indented JSON with a final line break.
+    ///
+    /// # Errors
+    /// [`ManifestError::Json`] where a number is not finite: JSON has no word for it.
+    pub fn to_json(&self) -> Result<String, ManifestError> {
+        write(self)
+    }
+
+    /// Reads what [`Manifest::to_json`] wrote, by this or an earlier release.
+    ///
+    /// # Errors
+    /// Text that is no JSON, is another format, or comes from a newer release.
+    pub fn from_json(text: &str) -> Result<Self, ManifestError> {
+        read(text, FORMAT)
+    }
+}
+
+/// Contents of `timings.json`: what a bake took, different in every run.
+///
+/// ```
+/// use tables::format::manifest::{Stage, Timings};
+///
+/// let mut timings = Timings::new();
+/// timings.stages.push(Stage { name: "load".into(), wall_seconds: 0.1, cpu_seconds: 0.3 });
+/// assert_eq!(Timings::from_json(&timings.to_json()?)?, timings);
+/// # Ok::<(), tables::format::manifest::ManifestError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Timings {
+    /// [`TIMINGS_FORMAT`].
+    pub format: String,
+    /// [`VERSION`].
+    pub version: u32,
+    /// Seconds per stage, in the order they ran.
+    pub stages: Vec<Stage>,
+    /// Wall seconds of the whole command.
+    pub wall_seconds: f64,
+    /// CPU seconds (user and system, all threads) of the whole command.
+    pub cpu_seconds: f64,
+    /// Rays traced, of all kinds.
+    pub rays: u64,
+    /// Paths traced.
+    pub paths: u64,
+    /// Largest resident set, bytes.
+    pub peak_memory_bytes: u64,
+    /// Worker threads.
+    pub threads: usize,
+    /// Model name of the processor; empty where unknown.
+    pub cpu: String,
+}
+
+/// What one stage took.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Stage {
+    /// Name of the stage.
+    pub name: String,
+    /// Wall seconds.
+    pub wall_seconds: f64,
+    /// CPU seconds, all threads.
+    pub cpu_seconds: f64,
+}
+
+impl Timings {
+    /// Timings with nothing in them yet.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            format: TIMINGS_FORMAT.to_owned(),
+            version: VERSION,
+            stages: Vec::new(),
+            wall_seconds: 0.0,
+            cpu_seconds: 0.0,
+            rays: 0,
+            paths: 0,
+            peak_memory_bytes: 0,
+            threads: 0,
+            cpu: String::new(),
+        }
+    }
+
+    /// Indented JSON with a final line break.
+    ///
+    /// # Errors
+    /// [`ManifestError::Json`] where a number is not finite.
+    pub fn to_json(&self) -> Result<String, ManifestError> {
+        write(self)
+    }
+
+    /// Reads what [`Timings::to_json`] wrote.
+    ///
+    /// # Errors
+    /// As [`Manifest::from_json`].
+    pub fn from_json(text: &str) -> Result<Self, ManifestError> {
+        read(text, TIMINGS_FORMAT)
+    }
+}
+
+impl Default for Timings {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// `serde_json` writes NaN as `null` without a word, so the text is only accepted if it reads back.
+fn write<T: Serialize + DeserializeOwned>(value: &T) -> Result<String, ManifestError> {
+    let mut text = serde_json::to_string_pretty(value)?;
+    serde_json::from_str::<T>(&text)?;
+    text.push('\n');
+    Ok(text)
+}
+
+/// Format and version are judged before the rest, so that a file of another kind is named as such
+/// and not by the first field it lacks.
+fn read<T: DeserializeOwned>(text: &str, expected: &'static str) -> Result<T, ManifestError> {
+    let value: Value = serde_json::from_str(text)?;
+    let missing = || "missing".to_owned();
+    match value.get("format") {
+        Some(Value::String(format)) if format == expected => {}
+        other => {
+            return Err(ManifestError::Format {
+                found: other.map_or_else(missing, Value::to_string),
+                expected,
+            });
+        }
+    }
+    match value.get("version").and_then(Value::as_u64) {
+        Some(found) if u64::from(VERSION) < found => {
+            return Err(ManifestError::Newer { found, supported: VERSION });
+        }
+        Some(1..) => {}
+        _ => return Err(ManifestError::Version(value.get("version").map_or_else(missing, Value::to_string))),
+    }
+    Ok(serde_json::from_value(value)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn full() -> Manifest {
+        let mut m = Manifest::new("bake", "0.1.0");
+        m.seed = u64::MAX;
+        m.inputs.push(Input {
+            role: "scene".into(),
+            path: "a b/ä.gltf".into(),
+            blake3: "00".repeat(32),
+            bytes: 9,
+        });
+        m.settings.insert("samples".into(), 64.into());
+        m.settings.insert("media".into(), Value::Null);
+        m.pages.push(Page {
+            file: "lightmap-0.exr".into(),
+            preview: Some("lightmap-0.png".into()),
+            texture: None,
+            width: 512,
+            height: 256,
+            texels_per_metre: 12.3,
+            covered_texels: 77,
+            mean_luminance: 0.1,
+            error: ErrorFigure { rms_std_err: 1e-3, relative: Some(1e-2), max_std_err: 0.3 },
+        });
+        let rect = Rect { x: 4, y: 8, width: 12, height: 20 };
+        m.surfaces.push(Surface {
+            node: 3,
+            path: "hall/column.3".into(),
+            gpu_instance: Some(1),
+            mesh: 2,
+            primitive: 1,
+            page: 0,
+            rect,
+            uv_rect: rect.to_uv(512, 256),
+            texels_per_metre: 12.3,
+            kept_uvs: true,
+        });
+        m.lights.push(Light { path: "sun".into(), kind: "directional".into(), mode: LightMode::Mixed });
+        m.sky = Sky::Gradient { zenith: [0.1, 0.2, 0.3], horizon: [1.0; 3], ground: [0.0; 3] };
+        m.findings.push(Finding { severity: "warning".into(), ..Finding::default() });
+        m.samples = Samples { total: 640, min: 8, mean: 8.3, max: 16 };
+        m.counts.rejected_samples = 1;
+        m.files.push(File { name: "lightmap-0.exr".into(), bytes: 4 });
+        m
+    }
+
+    #[test]
+    fn round_trip_keeps_everything_and_every_byte() -> Result<(), ManifestError> {
+        for m in [Manifest::new("bake", "0.1.0"), full()] {
+            let text = m.to_json()?;
+            let back = Manifest::from_json(&text)?;
+            assert_eq!(back, m);
+            assert_eq!(back.to_json()?, text);
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn settings_keep_their_order() -> Result<(), ManifestError> {
+        let mut m = Manifest::new("bake", "0.1.0");
+        for key in ["z", "a", "m"] {
+            m.settings.insert(key.into(), true.into());
+        }
+        let back = Manifest::from_json(&m.to_json()?)?;
+        assert_eq!(back.settings.keys().collect::<Vec<_>>(), ["z", "a", "m"]);
+        Ok(())
+    }
+
+    #[test]
+    fn an_unknown_field_of_the_same_version_is_passed_over() -> Result<(), ManifestError> {
+        let text = full().to_json()?.replacen('{', "{ \"later\": [1],", 1);
+        assert_eq!(Manifest::from_json(&text)?, full());
+        Ok(())
+    }
+
+    #[test]
+    fn rejects_what_it_cannot_read() -> Result<(), ManifestError> {
+        let text = full().to_json()?;
+        let message = |text: &str| match Manifest::from_json(text) {
+            Ok(_) => "accepted".to_owned(),
+            Err(e) => e.to_string(),
+        };
+        assert_eq!(
+            message(&text.replace(FORMAT, "godot")),
+            "`format` is \"godot\", expected \"bake-lightmaps\""
+        );
+        assert_eq!(message("{}"), "`format` is missing, expected \"bake-lightmaps\"");
+        assert_eq!(message("[1]"), "`format` is missing, expected \"bake-lightmaps\"");
+        let version = format!("\"version\": {VERSION}");
+        assert!(message(&text.replacen(&version, "\"version\": 2", 1)).contains("version 2 is newer than 1"));
+        assert_eq!(
+            message(&text.replacen(&version, "\"version\": 0", 1)),
+            "`version` is 0, expected an integer from 1 on"
+        );
+        assert_eq!(
+            message(&text.replacen(&version, "\"version\": -1", 1)),
+            "`version` is -1, expected an integer from 1 on"
+        );
+        assert!(message(&text[..text.len() / 2]).contains("not a valid"));
+        assert!(message(&text.replacen("\"seed\"", "\"speed\"", 1)).contains("missing field `seed`"));
+        Ok(())
+    }
+
+    #[test]
+    fn a_number_that_is_not_finite_cannot_be_written() {
+        let mut m = full();
+        m.error.rms_std_err = f64::NAN;
+        assert!(matches!(m.to_json(), Err(ManifestError::Json(_))));
+    }
+
+    #[test]
+    fn timings_are_told_from_manifests() -> Result<(), ManifestError> {
+        let t = Timings::new();
+        assert_eq!(Timings::from_json(&t.to_json()?)?, t);
+        assert!(matches!(Timings::from_json(&full().to_json()?), Err(ManifestError::Format { .. })));
+        Ok(())
+    }
+}
