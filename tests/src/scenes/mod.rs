@@ -1,0 +1,3 @@
+//! Generated scenes, each as the bytes of a `.glb`.
+
+pub mod hall;
