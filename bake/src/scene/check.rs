@@ -7,9 +7,11 @@ use serde_json::Value;
 use super::{
     document::Document,
     findings::Findings,
+    gltf_mesh::{self, Budget},
     read::{index_of, shown},
+    uri::{self, Target},
 };
-use crate::error::Finding;
+use crate::error::{Finding, Severity};
 
 const FIX: &str = "the exporter is at fault; the bake goes on where the part is not needed";
 
@@ -75,8 +77,20 @@ const REQUIRED: &[&str] = &[
     "bufferViews.*.buffer",
     "bufferViews.*.byteLength",
     "cameras.*.type",
+    "extensions.KHR_lights_punctual.lights",
     "meshes.*.primitives",
     "meshes.*.primitives.*.attributes",
+    "nodes.*.extensions.KHR_lights_punctual.light",
+    "skins.*.joints",
+];
+
+/// Lists that may not be empty where they are given.
+const NOT_EMPTY: &[&str] = &[
+    "animations.*.channels",
+    "animations.*.samplers",
+    "extensions.KHR_materials_variants.variants",
+    "nodes.*.children",
+    "scenes.*.nodes",
     "skins.*.joints",
 ];
 
@@ -125,7 +139,89 @@ pub(crate) fn references(doc: &Document, out: &mut Findings) {
             }
         });
     }
+    for pattern in NOT_EMPTY {
+        visit(&doc.json, pattern, "", &mut |path, value| {
+            if value.and_then(Value::as_array).is_some_and(Vec::is_empty) {
+                out.push(Finding::warning(path, "an empty list", "leave it out"));
+            }
+        });
+    }
+    visit(&doc.json, "extensions.KHR_lights_punctual.lights.*.type", "", &mut |path, value| {
+        if !value.and_then(Value::as_str).is_some_and(|t| matches!(t, "point" | "spot" | "directional")) {
+            out.push(Finding::warning(path, "not a type of light", "use point, spot or directional"));
+        }
+    });
+    accessors_and_views(doc, out);
+    images(doc, out);
     extensions(&doc.json, out);
+}
+
+/// Looks at meshes that the scene does not show, given those that it does. What would be an error
+/// in a mesh that is baked is a warning here.
+pub(crate) fn unused_meshes(doc: &Document, used: &BTreeSet<usize>, budget: &mut Budget, out: &mut Findings) {
+    let meshes = doc.json.get("meshes").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    let mut scratch = Findings::default();
+    for (m, mesh) in meshes.iter().enumerate().filter(|(m, _)| !used.contains(m)) {
+        for p in 0..mesh["primitives"].as_array().map_or(0, Vec::len) {
+            gltf_mesh::load(doc, m, p, budget, &mut scratch);
+        }
+    }
+    let warn = |f: Finding| Finding { severity: f.severity.min(Severity::Warning), ..f };
+    out.extend(scratch.finish().into_iter().map(warn));
+}
+
+fn accessors_and_views(doc: &Document, out: &mut Findings) {
+    let count = |list: &str| doc.json.get(list).and_then(Value::as_array).map_or(0, Vec::len);
+    for i in 0..count("bufferViews") {
+        // Compressed views are checked where they are used, since that means decoding them.
+        let json = &doc.json["bufferViews"][i];
+        let broken_buffer =
+            index_of(&json["buffer"]).and_then(|b| doc.buffers.get(b)).is_none_or(Result::is_err);
+        if json.get("extensions").is_some() || broken_buffer {
+            continue;
+        }
+        if let Err(f) = doc.view(i) {
+            out.push(Finding { severity: Severity::Warning, ..f });
+        }
+    }
+    for i in 0..count("accessors") {
+        let json = &doc.json["accessors"][i];
+        let normalized = json["normalized"] == Value::Bool(true);
+        if normalized && matches!(index_of(&json["componentType"]), Some(5125 | 5126)) {
+            let path = format!("accessors[{i}].normalized");
+            out.push(Finding::warning(
+                path,
+                "only 8-bit and 16-bit integers can be normalised; ignored",
+                FIX,
+            ));
+        }
+        if json.get("byteOffset").is_some() && json.get("bufferView").is_none() {
+            let path = format!("accessors[{i}].byteOffset");
+            out.push(Finding::warning(path, "an offset without a bufferView means nothing", FIX));
+        }
+    }
+}
+
+/// Images must say where they are; whether they can be decoded shows where they are used.
+fn images(doc: &Document, out: &mut Findings) {
+    let list = doc.json.get("images").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    for (i, image) in list.iter().enumerate() {
+        let path = format!("images[{i}]");
+        let what = match (image.get("uri").map(|u| (u.as_str(), u)), image.get("bufferView")) {
+            (None, Some(_)) => continue,
+            (None, None) => "neither uri nor bufferView".to_owned(),
+            (Some(_), Some(_)) => "both uri and bufferView; the uri is used".to_owned(),
+            (Some((None, v)), None) => format!("{} is not a URI", shown(v)),
+            (Some((Some(uri), _)), None) => match uri::resolve(uri) {
+                Ok(Target::File(file)) if doc.base_dir().is_some_and(|d| !d.join(&file).is_file()) => {
+                    format!("there is no file `{}` beside the document", file.display())
+                }
+                Ok(_) => continue,
+                Err(what) => what,
+            },
+        };
+        out.push(Finding::warning(path, what, "put the image there, or export again"));
+    }
 }
 
 /// Calls `see` for every place that matches; with `None` where the last word of the pattern is absent.
@@ -173,8 +269,20 @@ fn extensions(json: &Value, out: &mut Findings) {
         match value {
             Value::Object(map) => {
                 for (key, v) in map {
-                    if let ("extensions", Some(inner)) = (key.as_str(), v.as_object()) {
-                        used.extend(inner.keys().map(String::as_str));
+                    match (key.as_str(), v) {
+                        ("extensions", Value::Object(inner)) => {
+                            used.extend(inner.keys().map(String::as_str));
+                            for (name, other) in inner.iter().filter(|(_, v)| !v.is_object()) {
+                                let cut: String = name.chars().take(64).collect();
+                                let what = format!("{} is not an object", shown(other));
+                                out.push(Finding::warning(format!("extensions.{cut}"), what, FIX));
+                            }
+                        }
+                        ("extensions", other) => {
+                            let what = format!("{} is not an object of extensions", shown(other));
+                            out.push(Finding::warning("extensions", what, FIX));
+                        }
+                        _ => {}
                     }
                     if key != "extras" {
                         stack.push(v);

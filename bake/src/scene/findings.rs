@@ -75,7 +75,7 @@ fn pattern(text: &str) -> String {
     for c in text.chars() {
         if c == '`' {
             quoted = !quoted;
-        } else if !quoted && !(c.is_ascii_digit() && out.ends_with('#')) {
+        } else if !quoted && (!c.is_ascii_digit() || !out.ends_with('#')) {
             out.push(if c.is_ascii_digit() { '#' } else { c });
         }
     }

@@ -177,6 +177,8 @@ impl Builder<'_> {
         }
         let names: Vec<String> = placed.iter().map(|p| self.tree.name(p.node)).collect();
         index.finish(&names, self.out);
+        let used: BTreeSet<usize> = self.meshes.keys().map(|(mesh, _)| *mesh).collect();
+        super::check::unused_meshes(self.doc, &used, &mut budget, self.out);
     }
 
     fn surfaces(&mut self, at: &Placed, json: &Value, words: NodeWords, budget: &mut gltf_mesh::Budget) {

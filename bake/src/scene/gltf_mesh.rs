@@ -48,6 +48,7 @@ pub(crate) fn load(
     let label = doc.json["meshes"][mesh]["name"].as_str().map(|n| n.chars().take(64).collect::<String>());
     let name = label.map_or_else(|| path.clone(), |n| format!("{path} ({n})"));
     let mut reader = Reader { doc, json, path, out, budget };
+    reader.notes();
     let mode = reader.mode()?;
     let positions = reader.positions()?;
     let corners = reader.indices(positions.len())?;
@@ -65,7 +66,6 @@ pub(crate) fn load(
     let normals = reader.normals(&positions, &triangles)?;
     let uvs = reader.uvs(positions.len())?;
     let colors = reader.colors(positions.len())?;
-    reader.notes();
     Some(Mesh { name, source: (mesh, primitive), positions, normals, uvs, colors, triangles })
 }
 
@@ -182,6 +182,14 @@ impl Reader<'_> {
             return None;
         };
         let index = &self.json["attributes"]["POSITION"];
+        let required = self.doc.json["extensionsRequired"].as_array();
+        let quantized = required.is_some_and(|r| r.iter().any(|e| e == "KHR_mesh_quantization"));
+        if data.component_type != 5126 && !quantized {
+            let what = format!(
+                "accessor {index} holds integers, for which extensionsRequired must name KHR_mesh_quantization"
+            );
+            self.warn("attributes.POSITION", what);
+        }
         if u32::try_from(data.count).is_err() {
             self.error(
                 "attributes.POSITION",
@@ -232,6 +240,17 @@ impl Reader<'_> {
             let what = format!("accessor {index} entry {at} names vertex {} of {vertices}", values[at]);
             self.error("indices", what);
             return None;
+        }
+        let restart = match data.component_type {
+            5121 => u32::from(u8::MAX),
+            5123 => u32::from(u16::MAX),
+            _ => u32::MAX,
+        };
+        if let Some(at) = values.iter().position(|v| *v == restart) {
+            let what = format!(
+                "accessor {index} entry {at} is {restart}, which graphics hardware takes for a restart"
+            );
+            self.warn("indices", what);
         }
         Some(values)
     }
@@ -323,11 +342,33 @@ impl Reader<'_> {
 
     /// What is in the primitive and takes no part.
     fn notes(&mut self) {
+        let names = self.json["attributes"].as_object().into_iter().flat_map(|a| a.keys());
+        let numbered = ["TEXCOORD_", "COLOR_", "JOINTS_", "WEIGHTS_"];
+        let known = |name: &str| {
+            let number = numbered.iter().find_map(|p| name.strip_prefix(p));
+            // Names that start with an underscore belong to applications.
+            matches!(name, "POSITION" | "NORMAL" | "TANGENT")
+                || name.starts_with('_')
+                || number.is_some_and(is_number)
+        };
+        for name in names.filter(|n| !known(n)) {
+            let cut: String = name.chars().take(48).collect();
+            let path = self.at("attributes");
+            self.out.push(Finding::warning(
+                path,
+                format!("`{cut}` is not an attribute that glTF has; it is ignored"),
+                FIX,
+            ));
+        }
         if self.json.get("targets").and_then(Value::as_array).is_some_and(|t| !t.is_empty()) {
             let path = self.at("targets");
             self.out.push(Finding::info(path, "morph targets are baked in their base pose", "nothing"));
         }
     }
+}
+
+fn is_number(text: &str) -> bool {
+    !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit()) && (text == "0" || !text.starts_with('0'))
 }
 
 fn vec3s(values: &[f32]) -> Vec<Vec3> {

@@ -435,15 +435,14 @@ pub(crate) fn camera(
         out.push(Finding::warning(path, "the camera's type or extent makes no sense; it is left out", FIX));
     }
     let name = json["name"].as_str().map_or_else(|| tree.name(at.node), |n| n.chars().take(64).collect());
-    let m = single_affine(at.world);
     // A camera sees the same at any scale.
-    let axes = glam::Mat3::from(m.matrix3);
-    let axis = |v: Vec3, fallback: DVec3| v.try_normalize().unwrap_or_else(|| single(at.rotation * fallback));
+    let axes = at.world.matrix3;
+    let axis = |v: DVec3, fallback: DVec3| single(v.try_normalize().unwrap_or(at.rotation * fallback));
     let matrix = Mat4::from_cols(
         axis(axes.x_axis, DVec3::X).extend(0.0),
         axis(axes.y_axis, DVec3::Y).extend(0.0),
         axis(axes.z_axis, DVec3::Z).extend(0.0),
-        Vec3::from(m.translation).extend(1.0),
+        single(at.world.translation).extend(1.0),
     );
     Some(Camera { name, world_from_camera: matrix, projection: projection? })
 }

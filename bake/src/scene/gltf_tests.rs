@@ -259,6 +259,45 @@ fn non_finite_positions_name_their_vertex() {
     );
 }
 
+#[test]
+fn claims_beyond_the_file_cost_nothing() {
+    type Patch = fn(&mut Value);
+    let table: &[(&str, Patch)] = &[
+        ("a billion instances", |j| {
+            let accessors = j["accessors"].as_array_mut().expect("accessors");
+            accessors.push(json!({"componentType": 5126, "count": 1_000_000_000, "type": "VEC3"}));
+            j["nodes"][0]["extensions"] =
+                json!({"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 1}}});
+        }),
+        ("many large zero-filled meshes", |j| {
+            j["accessors"][0] = json!({"componentType": 5126, "count": 5_000_000, "type": "VEC3"});
+            let primitive = j["meshes"][0]["primitives"][0].clone();
+            j["meshes"][0]["primitives"] = json!(vec![primitive; 10_000]);
+        }),
+        ("an attribute set far away", |j| {
+            j["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_4000000000"] = json!(0);
+            j["nodes"][0]["mesh"] = json!(4_000_000_000u32);
+        }),
+    ];
+    for (name, patch) in table {
+        let start = Instant::now();
+        let (_, findings) = triangle(patch).expect("opens");
+        assert!(!errors(&findings).is_empty(), "{name}: {findings:?}");
+        assert!(start.elapsed() < Duration::from_secs(5), "{name}: {:?}", start.elapsed());
+    }
+    // A chain of nodes as deep as there are nodes is no error, only long.
+    let start = Instant::now();
+    let (scene, findings) = triangle(|j| {
+        let chain = (0..50_000).map(|i| json!({"name": "a".repeat(40), "children": [i + 1]}));
+        let tail = json!({"name": "tail", "mesh": 0});
+        j["nodes"] = chain.chain([tail]).collect();
+    })
+    .expect("opens");
+    assert!(errors(&findings).is_empty() && scene.surfaces.len() == 1);
+    assert!(scene.surfaces[0].path.starts_with("…/") && scene.surfaces[0].path.ends_with("/tail"));
+    assert!(start.elapsed() < Duration::from_secs(5), "{:?}", start.elapsed());
+}
+
 fn shared() -> Option<PathBuf> {
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
     let named = std::env::var_os("BAKE_SHARED").map(PathBuf::from);
@@ -298,8 +337,100 @@ fn open(path: &Path) -> Result<(Scene, Vec<Finding>), Error> {
     Ok(load(&doc, &Config::default(), &LoadOptions::default()))
 }
 
-/// Files with errors by the validator's rules that we load without a word, and why that is right.
-const LOADED_ANYWAY: &[(&str, &str)] = &[];
+/// Files with errors by the validator's rules that we load without a word, below
+/// `khronos-validator`, and why that is right.
+const LOADED_ANYWAY: &[(&str, &[&str])] = &[
+    (
+        "min and max are not used: bounds come from the vertices",
+        &[
+            "data/accessor_data/out_of_range_elements_float.gltf",
+            "data/accessor_data/out_of_range_elements_sint16.gltf",
+            "data/accessor_data/out_of_range_elements_sint8.gltf",
+            "data/accessor_data/out_of_range_elements_uint16.gltf",
+            "data/accessor_data/out_of_range_elements_uint8.gltf",
+            "data/mesh/morph_position_accessor_no_bounds.gltf",
+        ],
+    ),
+    (
+        "animations take no part in a bake, beyond their references",
+        &[
+            "data/animation/channel_duplicate_targets.gltf",
+            "data/animation/channel_node_no_morphs.gltf",
+            "data/animation/sampler_input_no_bounds.gltf",
+            "data/animation/sampler_output_count_invalid.gltf",
+            "data/animation/sampler_too_few_cubic_frames.gltf",
+            "data/animation_data/invalid_input_values.gltf",
+            "data/animation_data/quaternion_cubic_non_unit_values.gltf",
+            "data/animation_data/quaternion_non_unit_values.gltf",
+            "ext/KHR_animation_pointer/data/animation/channel/target/invalid_channel_target_node.gltf",
+            "ext/KHR_animation_pointer/data/animation/channel/target/invalid_channel_target_path.gltf",
+            "ext/KHR_animation_pointer/data/animation/channel/target/missing_pointer.gltf",
+            "ext/KHR_animation_pointer/data/animation/channel/target/unexpected_extension.gltf",
+        ],
+    ),
+    (
+        "skins and morph targets are baked in their base pose, so their data are not read",
+        &[
+            "data/mesh/morph_attribute_invalid_count.gltf",
+            "data/mesh/morph_attribute_no_base.gltf",
+            "data/mesh/morph_unequal_targets_count.gltf",
+            "data/mesh/morph_weights_wrong_count.gltf",
+            "data/mesh_data/joints_weights_complex.gltf",
+            "data/node/node_skin_without_skinned_mesh.gltf",
+            "data/node/weights_with_no_mesh.gltf",
+            "data/skin/ibm_invalid_format.gltf",
+            "data/skin/no_common_root.gltf",
+            "data/skin/no_joints_in_scene.gltf",
+            "data/skin/skeleton_invalid.gltf",
+            "data/skin_data/invalid_ibm.gltf",
+        ],
+    ),
+    (
+        "clip planes, and a camera that no node shows, change no light",
+        &["data/camera/extra_type.gltf", "data/camera/orthographic_z.gltf", "data/camera/perspective_z.gltf"],
+    ),
+    (
+        "no material uses the image, so it is not decoded; where one does, the content decides, not the stated type",
+        &[
+            "data/image/invalid_data_uri_mime_type.gltf",
+            "data/image/invalid_image_data.gltf",
+            "data/image/png_eos.gltf",
+            "ext/EXT_texture_webp/data/image/undeclared_extension.gltf",
+            "ext/EXT_texture_webp/data/texture/invalid_image_mime_type.gltf",
+        ],
+    ),
+    (
+        "the extension or its values do not touch diffuse light, and tangents are not used",
+        &[
+            "ext/KHR_materials_anisotropy/data/material/no_tangent_space.gltf",
+            "ext/KHR_materials_anisotropy/data/material/out_of_range.gltf",
+            "ext/KHR_materials_clearcoat/data/material/no_tangent_space.gltf",
+            "ext/KHR_materials_ior/data/material/out_of_range.gltf",
+            "ext/KHR_materials_variants/data/primitive/dependency.gltf",
+            "ext/KHR_materials_variants/data/primitive/empties.gltf",
+            "ext/KHR_materials_variants/data/primitive/non_unique.gltf",
+            "ext/KHR_materials_variants/data/variant/invalid_name.gltf",
+            "ext/KHR_materials_volume/data/material/out_of_range.gltf",
+        ],
+    ),
+    (
+        "an extension in a place where it means nothing is ignored, as an unknown one would be",
+        &[
+            "ext/EXT_texture_webp/data/texture/unexpected_extension.gltf",
+            "ext/KHR_materials_clearcoat/data/material/unexpected_extension.gltf",
+            "ext/KHR_materials_dispersion/data/material/unexpected_extension.gltf",
+            "ext/KHR_materials_emissive_strength/data/material/unexpected_extension.gltf",
+            "ext/KHR_materials_iridescence/data/material/unexpected_extension.gltf",
+            "ext/KHR_materials_sheen/data/material/unexpected_extension.gltf",
+            "ext/KHR_materials_specular/data/material/unexpected_extension.gltf",
+            "ext/KHR_materials_transmission/data/material/unexpected_extension.gltf",
+            "ext/KHR_materials_volume/data/material/unexpected_extension.gltf",
+            "ext/KHR_mesh_quantization/data/primitive/unexpected_extension.gltf",
+            "ext/KHR_node_visibility/data/node/unexpected_extension.gltf",
+            "ext/KHR_texture_transform/data/textureInfo/unexpected_extension.gltf",
+        ],
+    ),
+];
 
 #[test]
 fn hostile_files_are_refused_or_loaded_in_a_moment() {
@@ -341,7 +472,8 @@ fn hostile_files_are_refused_or_loaded_in_a_moment() {
         let report: Value = serde_json::from_slice(&report).expect("a report");
         let messages = report["issues"]["messages"].as_array().expect("messages");
         let codes: Vec<&Value> = messages.iter().filter(|m| m["severity"] == 0).map(|m| &m["code"]).collect();
-        let listed = LOADED_ANYWAY.iter().any(|(n, _)| *n == name);
+        let below = name.strip_prefix("khronos-validator/").unwrap_or(&name);
+        let listed = LOADED_ANYWAY.iter().any(|(_, names)| names.contains(&below));
         if !codes.is_empty() && !said && !listed {
             silent.push(format!("{name} {codes:?}"));
         }
@@ -352,8 +484,9 @@ fn hostile_files_are_refused_or_loaded_in_a_moment() {
     say(&format!(
         "{} files: {refused} refused, {errors_found} with errors, {warned} loaded with findings, {clean} clean, {} listed",
         files.len(),
-        LOADED_ANYWAY.len()
+        LOADED_ANYWAY.iter().map(|(_, names)| names.len()).sum::<usize>()
     ));
+    assert!(LOADED_ANYWAY.iter().all(|(reason, _)| !reason.is_empty()));
     assert!(slow.is_empty(), "slow: {slow:?}");
     assert!(stale.is_empty(), "no longer needed in the list: {stale:?}");
     assert!(silent.is_empty(), "{} loaded without a word:\n{}", silent.len(), silent.join("\n"));
@@ -373,6 +506,12 @@ fn real_scenes_load() {
     for file in &files {
         let name = file.file_name().expect("a name").to_string_lossy().into_owned();
         let start = Instant::now();
+        if name == "Sponza.original.gltf" {
+            // It requires an extension that nobody else supports either.
+            let error = open(file).expect_err("refused").to_string();
+            assert!(error.contains("AMD_split_roughnessMetallic"), "{error}");
+            continue;
+        }
         let (scene, findings) = open(file).unwrap_or_else(|e| panic!("{name}: {e}"));
         let triangles: usize = scene.surfaces.iter().map(|s| scene.meshes[s.mesh].triangles.len()).sum();
         say(&format!(
