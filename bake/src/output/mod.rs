@@ -7,5 +7,7 @@
 pub mod dilate;
 pub mod exr;
 pub mod folder;
+mod glb;
 pub mod page;
 pub mod preview;
+pub mod scene_glb;
