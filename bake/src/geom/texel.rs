@@ -83,6 +83,19 @@ impl TexelMap {
         map
     }
 
+    /// The same page with at most `n` of its covered texels, evenly spread, for measuring.
+    #[must_use]
+    pub fn thinned(&self, n: usize) -> Self {
+        let step = self.texels.len().div_ceil(n.max(1)).max(1);
+        let mut map = Self { texels: Vec::new(), offsets: vec![0], triangles: Vec::new(), ..self.clone() };
+        for i in (0..self.texels.len()).step_by(step) {
+            map.texels.push(self.texels[i]);
+            map.triangles.extend_from_slice(self.triangles_of(i));
+            map.offsets.push(index(map.triangles.len()));
+        }
+        map
+    }
+
     /// The world triangles in the covered texel number `index`.
     pub fn triangles_of(&self, index: usize) -> &[u32] {
         &self.triangles[self.offsets[index] as usize..self.offsets[index + 1] as usize]
@@ -132,7 +145,7 @@ impl TexelMap {
     }
 
     /// Chart of a world triangle, counted over the page.
-    fn chart(&self, atlas: &Atlas, triangle: u32) -> u32 {
+    pub fn chart(&self, atlas: &Atlas, triangle: u32) -> u32 {
         let span = self.spans[self.span(triangle)];
         span.chart + atlas.layouts[span.layout].charts[(triangle - span.first) as usize]
     }

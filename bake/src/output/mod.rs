@@ -4,10 +4,13 @@
 //! [`preview`]. [`scene_glb`] writes the scene with its new texture coordinates. All of it goes
 //! into a [`folder::Staging`] that replaces the previous bake at once when everything is there.
 
+pub mod assemble;
 pub mod dilate;
 pub mod exr;
 pub mod folder;
 mod glb;
 pub mod page;
 pub mod preview;
+pub mod record;
 pub mod scene_glb;
+pub mod view;

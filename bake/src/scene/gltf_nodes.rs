@@ -36,6 +36,16 @@ pub enum LightUnits {
 }
 
 impl LightUnits {
+    /// Name on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Gltf => "gltf",
+            Self::BlenderRaw => "blender-raw",
+            Self::BlenderUnitless => "blender-unitless",
+        }
+    }
+
     const LUMENS_PER_WATT: f32 = 683.0;
 
     /// What an intensity of a point or spot light is multiplied by to give candela.

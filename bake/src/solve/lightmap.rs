@@ -2,10 +2,11 @@
 
 use crate::error::Error;
 use crate::geom::texel::{TexelMap, TexelSampler};
+use crate::geom::world::luminance;
 use crate::sample::{Sequence, sequence};
 use crate::scene::model::Rgb;
 use crate::solve::accumulate::{Gate, Rejected, mean_and_error};
-use crate::solve::monitor::Monitor;
+use crate::solve::monitor::{ErrorSums, Monitor};
 use crate::transport::path::First;
 use crate::transport::{Kernel, Vertex};
 use glam::{Vec3, Vec3A};
@@ -92,6 +93,7 @@ pub fn bake_page(
                     let id = Id { page, texel: map.texels[index], seed };
                     *out = texel(kernel, sampler, id, samples, scratch, &mut gate, &mut rays);
                 }
+                monitor.add_error(error_sums(out));
                 monitor.add(out.len() as u64 * u64::from(samples), rays);
                 gate
             },
@@ -101,6 +103,18 @@ pub fn bake_page(
         return Err(Error::Interrupted);
     }
     Ok(Solution { texels, gate: gates.into_iter().fold(Gate::default(), Gate::merge) })
+}
+
+/// What the progress display wants to know of finished texels.
+fn error_sums(texels: &[Texel]) -> ErrorSums {
+    let mut sums = ErrorSums::default();
+    for t in texels {
+        let e = f64::from(luminance(t.std_err));
+        sums.squared_error += e * e;
+        sums.luminance += f64::from(luminance(t.direct + t.indirect));
+        sums.n += 1.0;
+    }
+    sums
 }
 
 /// Which texel, for random numbers and messages.

@@ -1,6 +1,7 @@
 //! What a long computation and the one who waits for it say to each other.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 /// Shared by the workers (which count) and the front end (which shows and stops).
 #[derive(Debug, Default)]
@@ -9,7 +10,20 @@ pub struct Monitor {
     paths: AtomicU64,
     /// Rays traced by them.
     rays: AtomicU64,
+    /// Sums over finished texels, for showing only: their order depends on the threads.
+    error: Mutex<ErrorSums>,
     stop: AtomicBool,
+}
+
+/// Sums of squared standard errors and of luminance, and how many texels they hold.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ErrorSums {
+    /// Sum of squared standard errors, nits squared.
+    pub squared_error: f64,
+    /// Sum of luminance, nits.
+    pub luminance: f64,
+    /// Texels.
+    pub n: f64,
 }
 
 impl Monitor {
@@ -17,6 +31,21 @@ impl Monitor {
     pub fn add(&self, paths: u64, rays: u64) {
         self.paths.fetch_add(paths, Ordering::Relaxed);
         self.rays.fetch_add(rays, Ordering::Relaxed);
+    }
+
+    /// Workers report the error of finished texels.
+    pub fn add_error(&self, sums: ErrorSums) {
+        let mut e = self.error.lock().unwrap_or_else(PoisonError::into_inner);
+        e.squared_error += sums.squared_error;
+        e.luminance += sums.luminance;
+        e.n += sums.n;
+    }
+
+    /// Root mean squared standard error of finished texels over their mean luminance.
+    #[must_use]
+    pub fn relative_error(&self) -> Option<f64> {
+        let e = *self.error.lock().unwrap_or_else(PoisonError::into_inner);
+        (0.0 < e.luminance).then(|| (e.squared_error / e.n).sqrt() / (e.luminance / e.n))
     }
 
     /// Paths finished so far.
