@@ -129,7 +129,7 @@ pub(super) fn shared(
         along += kept.stretch * kept.stretch * area * scale;
         all.extend(corners);
     }
-    if all.is_empty() || overlap(&all) {
+    if all.is_empty() || overlap(&all, 1e-3) {
         return None;
     }
     let aspect = (along.x / along.y).sqrt();

@@ -9,14 +9,11 @@ use crate::geom::texel::clip::{self, Polygon};
 /// shared edges stays far below.
 const PAIR: f64 = 1e-2;
 
-/// Part of the total area that may be covered twice: a stray sliver does no harm.
-const TOTAL: f64 = 1e-4;
-
-/// Whether triangles cover each other by more than a ten-thousandth of their area.
+/// Whether triangles cover each other by more than the part `tolerance` of their area.
 ///
 /// Every pair is clipped exactly, in a grid so that few pairs meet; the search stops at the first
 /// certainty, so stacked charts cost little.
-pub(super) fn overlap(triangles: &[[DVec2; 3]]) -> bool {
+pub(super) fn overlap(triangles: &[[DVec2; 3]], tolerance: f64) -> bool {
     let solid: Vec<[DVec2; 3]> = triangles
         .iter()
         .filter_map(|t| {
@@ -32,7 +29,7 @@ pub(super) fn overlap(triangles: &[[DVec2; 3]]) -> bool {
     }
     let (lo, hi) = hull(&solid);
     let room = (hi - lo).element_product();
-    if (1.0 + 2.0 * TOTAL) * room < total {
+    if (1.0 + 2.0 * tolerance) * room < total {
         return true;
     }
     let grid = Grid::new(&solid, lo, hi);
@@ -52,7 +49,7 @@ pub(super) fn overlap(triangles: &[[DVec2; 3]]) -> bool {
                 let common = intersection(ta, tb);
                 if PAIR * areas[a as usize].min(areas[b as usize]) < common {
                     doubled += common;
-                    if TOTAL * total < doubled {
+                    if tolerance * total < doubled {
                         return true;
                     }
                 }
@@ -188,29 +185,29 @@ mod tests {
 
     #[test]
     fn touching_triangles_do_not_overlap() {
-        assert!(!overlap(&grid(40, DVec2::ZERO)));
+        assert!(!overlap(&grid(40, DVec2::ZERO), 1e-3));
     }
 
     #[test]
     fn a_small_stacked_part_is_found() {
         let mut all = grid(30, DVec2::ZERO);
         all.push([DVec2::new(0.1, 0.1), DVec2::new(0.12, 0.1), DVec2::new(0.1, 0.12)]);
-        assert!(overlap(&all));
+        assert!(overlap(&all, 1e-3));
     }
 
     #[test]
     fn grids_beside_each_other_do_not_overlap_and_shifted_ones_do() {
         let mut beside = grid(20, DVec2::ZERO);
         beside.extend(grid(20, DVec2::new(0.3, 0.0)));
-        assert!(!overlap(&beside));
+        assert!(!overlap(&beside, 1e-3));
         let mut shifted = grid(20, DVec2::ZERO);
         shifted.extend(grid(20, DVec2::new(0.29, 0.0)));
-        assert!(overlap(&shifted));
+        assert!(overlap(&shifted, 1e-3));
     }
 
     #[test]
     fn large_stacks_are_found_quickly() {
         let t = [DVec2::ZERO, DVec2::X, DVec2::Y];
-        assert!(overlap(&vec![t; 100_000]));
+        assert!(overlap(&vec![t; 100_000], 1e-3));
     }
 }

@@ -1,9 +1,10 @@
 //! Unwrapping and packing with `uvunwrap`: one rectangle for each surface.
 
-use uvunwrap::{Density as UvDensity, Error as UvError, MeshInput, OutputMesh, Progress, Stage};
+use uvunwrap::{Density as UvDensity, Error as UvError, MeshInput, OutputMesh, Packing, Progress, Stage};
 
 use super::{
     AtlasOptions, Density, Meter,
+    assemble::narrow as to_f32,
     group::{Class, power_of_two},
     valid::{Kept, Validity},
 };
@@ -15,6 +16,12 @@ use crate::{
 /// Surfaces whose sizes differ by at most this factor get rectangles of the same size, so that one
 /// layout fits the texel grid in all of them. Only whole texels keep charts apart exactly.
 const SPREAD: f64 = 1.005;
+
+/// Most charts that are packed by shape.
+const SHAPES: u32 = 400;
+
+/// Most triangles that are unwrapped once more to be packed by shape.
+const SHAPE_TRIANGLES: usize = 30_000;
 
 /// Shrinks everything by so little that a length which is a whole number of texels but for
 /// rounding does not spill into one texel more.
@@ -152,6 +159,8 @@ struct Job<'a> {
 enum Mode {
     /// Highest density on one page of this size.
     Auto(u32),
+    /// The same, but in rectangles even for a single surface.
+    Rectangles(u32),
     /// Texels per metre, on one page that grows.
     Grow(f64),
     /// Texels per metre, on pages of this size.
@@ -246,7 +255,8 @@ impl Job<'_> {
     /// Factor at most 1 on the density with which the source's members fit a page.
     fn limit(&self, source: &Source, density: f64, max_size: u32) -> Result<f64, Error> {
         let alone = Source { members: vec![source.members[0]], ..*source };
-        let (_, found) = self.generate(&[alone], &[1.0], Mode::Auto(max_size)).map_err(|e| refused(&e))?;
+        let (_, found) =
+            self.generate(&[alone], &[1.0], Mode::Rectangles(max_size)).map_err(|e| refused(&e))?;
         // What just fits alone has to fit again after rounding.
         let factor = found / density * 0.99;
         Ok(factor.min(1.0))
@@ -311,11 +321,49 @@ impl Job<'_> {
     }
 
     /// Runs the packer; the second value is the density in texels per metre.
+    ///
+    /// Packing by rows takes seconds where packing by shape takes minutes, but leaves more of the
+    /// page empty; so shapes are tried where there are few.
     fn generate(
         &self,
         sources: &[Source],
         limits: &[f64],
         mode: Mode,
+    ) -> Result<(uvunwrap::Atlas, f64), UvError> {
+        let rows = self.generate_as(sources, limits, mode, Packing::Fast)?;
+        if let (true, Mode::Auto(size), 2..) = (direct(sources, mode), mode, rows.0.page_count) {
+            // A surface cannot be on two pages.
+            return self.generate(sources, limits, Mode::Rectangles(size));
+        }
+        let indices: usize = sources.iter().map(|s| self.shapes[s.class].indices.len()).sum();
+        // Alone in their rectangles, charts gain nothing.
+        let alone = rows.0.chart_count as usize <= sources.len();
+        if alone || SHAPES < rows.0.chart_count || SHAPE_TRIANGLES < indices / 3 {
+            return Ok(rows);
+        }
+        let area = |a: &uvunwrap::Atlas| u64::from(a.width) * u64::from(a.height) * u64::from(a.page_count);
+        match self.generate_as(sources, limits, mode, Packing::Shape) {
+            Err(UvError::Cancelled) => Err(UvError::Cancelled),
+            Ok(shapes)
+                if match mode {
+                    Mode::Auto(_) | Mode::Rectangles(_) => {
+                        rows.1 < shapes.1 && shapes.0.page_count <= rows.0.page_count
+                    }
+                    _ => area(&shapes.0) < area(&rows.0),
+                } =>
+            {
+                Ok(shapes)
+            }
+            _ => Ok(rows),
+        }
+    }
+
+    fn generate_as(
+        &self,
+        sources: &[Source],
+        limits: &[f64],
+        mode: Mode,
+        packing: Packing,
     ) -> Result<(uvunwrap::Atlas, f64), UvError> {
         // In units of a power of two near the largest surface's, so that lengths cancel exactly.
         let largest = sources.iter().map(|s| s.scale).fold(0.0, f64::max);
@@ -330,21 +378,24 @@ impl Job<'_> {
             .zip(&scales)
             .map(|(source, scales)| {
                 let shape = &self.shapes[source.class];
+                let direct = direct(sources, mode);
                 MeshInput {
                     existing_uvs: shape.uvs.as_deref(),
-                    instance_scales: scales,
+                    scale: if direct { scales[0] } else { 1.0 },
+                    instance_scales: if direct { &[] } else { scales },
                     ..MeshInput::new(&shape.positions, &shape.indices)
                 }
             })
             .collect();
         let density = match mode {
-            Mode::Auto(page_size) => UvDensity::Auto { page_size },
+            Mode::Auto(page_size) | Mode::Rectangles(page_size) => UvDensity::Auto { page_size },
             Mode::Grow(d) => UvDensity::Fixed { texels_per_unit: narrow(d * unit), page_size: None },
             Mode::Pages(d, size) => {
                 UvDensity::Fixed { texels_per_unit: narrow(d * unit), page_size: Some(size) }
             }
         };
-        let options = uvunwrap::Options { density, padding: self.options.padding, ..Default::default() };
+        let options =
+            uvunwrap::Options { density, padding: self.options.padding, packing, ..Default::default() };
         let out = uvunwrap::generate_with_progress(&inputs, &options, |p| self.heard(p))?;
         let density = f64::from(out.texels_per_unit) / unit;
         Ok((out, density))
@@ -366,28 +417,49 @@ impl Job<'_> {
     }
 
     fn packed(&self, sources: Vec<Source>, limits: &[f64], out: (uvunwrap::Atlas, f64)) -> Packed {
-        let (atlas, density) = out;
-        let (width, height) = (f64::from(atlas.width), f64::from(atlas.height));
-        let rects = sources
-            .iter()
-            .zip(&atlas.meshes)
-            .zip(limits)
-            .map(|((source, mesh), limit)| {
-                let class = &self.classes[source.class];
-                let rect = |(&m, r): (&usize, &uvunwrap::InstanceRect)| {
-                    let min = [f64::from(r.min[0]) * width, f64::from(r.min[1]) * height];
-                    let max = [f64::from(r.max[0]) * width, f64::from(r.max[1]) * height];
-                    let min = min.map(whole);
-                    // The layout was made for this very size, so it is whole but for rounding.
-                    let size = [0, 1].map(|i| (whole(max[i]).saturating_sub(min[i])).max(1));
-                    let density = density * source.scale * limit / class.members[m].metres;
-                    Rect { page: r.page as usize, min, size, density }
-                };
-                source.members.iter().zip(&mesh.instances).map(rect).collect()
-            })
-            .collect();
+        let (mut atlas, density) = out;
+        let page = [atlas.width, atlas.height];
+        let texels = |at: [f32; 2]| [0, 1].map(|i| whole(f64::from(at[i]) * f64::from(page[i])));
+        let mut rects = Vec::new();
+        for ((source, mesh), limit) in sources.iter().zip(&mut atlas.meshes).zip(limits) {
+            let class = &self.classes[source.class];
+            let density = |m: usize| density * source.scale * limit / class.members[m].metres;
+            let mut list = Vec::new();
+            if mesh.instances.is_empty() {
+                let (min, size) = whole_page(mesh, page, self.options.padding);
+                let m = source.members[0];
+                list.push(Rect { page: 0, min, size, density: density(m) });
+            }
+            for (&m, r) in source.members.iter().zip(&mesh.instances) {
+                let (min, max) = (texels(r.min), texels(r.max));
+                // The layout was made for this very size, so it is whole but for rounding.
+                let size = [0, 1].map(|i| max[i].saturating_sub(min[i]).max(1));
+                list.push(Rect { page: r.page as usize, min, size, density: density(m) });
+            }
+            rects.push(list);
+        }
         Packed { density, pages: atlas.page_count as usize, width: 0, sources, meshes: atlas.meshes, rects }
     }
+}
+
+/// Whether a single surface gets the page to itself: its charts then go onto the page directly,
+/// which is far quicker than into a rectangle that goes onto the page.
+fn direct(sources: &[Source], mode: Mode) -> bool {
+    let [only] = sources else { return false };
+    only.members.len() == 1 && matches!(mode, Mode::Auto(_) | Mode::Grow(_))
+}
+
+/// The rectangle of charts that went onto the page directly, with their coordinates turned into
+/// those of the rectangle.
+fn whole_page(mesh: &mut OutputMesh, page: [u32; 2], padding: u32) -> ([u32; 2], [u32; 2]) {
+    let size = page.map(|n| n.saturating_sub(2 * padding).max(1));
+    for v in &mut mesh.vertices {
+        for axis in 0..2 {
+            let texel = f64::from(v.uv[axis]) * f64::from(page[axis]) - f64::from(padding);
+            v.uv[axis] = to_f32(texel / f64::from(size[axis])).clamp(0.0, 1.0);
+        }
+    }
+    ([padding; 2], size)
 }
 
 /// Nearest whole number of texels.

@@ -391,3 +391,17 @@ fn a_shared_atlas_survives_being_kept() {
         assert!((second.utilisation / first.utilisation - 1.0).abs() < 1e-3);
     }
 }
+
+#[test]
+fn a_single_surface_uses_the_page_itself() {
+    let scene = scene(vec![(torus(16), vec![Affine3A::from_scale(Vec3::splat(3.0))])]);
+    for options in [fit(256), fixed(12.0), AtlasOptions { max_size: 64, ..fixed(12.0) }] {
+        let (atlas, findings) = run(&scene, &options);
+        assert_eq!(atlas.pages.len(), 1);
+        assert_eq!(findings.is_empty(), options.max_size != 64, "{findings:?}");
+        assert!(4 < nearest_charts(&atlas, 0, 4));
+        let p = atlas.placements[0].expect("it has texels");
+        let end = [0, 1].map(|i| p.min[i] + p.size[i] + 2);
+        assert!(end[0] <= atlas.pages[0].width && end[1] <= atlas.pages[0].height, "{p:?}");
+    }
+}

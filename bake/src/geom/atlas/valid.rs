@@ -15,8 +15,12 @@ use crate::{error::Finding, scene::model::Scene};
 /// Part of a shape's area whose triangles may be flat in texture space.
 const FLAT: f64 = 1e-3;
 
+/// Part of the texture area that may be covered twice: unwrappers leave slivers at seams that
+/// cover each other by up to 0.8 % in maps that engines show without a visible fault.
+const TWICE: f64 = 1e-2;
+
 /// How far outside [0, 1] rounding may carry a coordinate.
-const OUTSIDE: f64 = 1e-4;
+const OUTSIDE: f64 = 1e-3;
 
 /// Valid texture coordinates of a class, or why there are none.
 pub(super) type Validity = Result<Kept, Fault>;
@@ -82,7 +86,7 @@ pub(super) fn examine(scene: &Scene, classes: &[Class], unwrap: Unwrap) -> Vec<V
         .par_iter()
         .map(|&m| {
             let all = corners(scene, m);
-            all.iter().flatten().all(|c| c.is_finite()) && overlap(&all)
+            all.iter().flatten().all(|c| c.is_finite()) && overlap(&all, TWICE)
         })
         .collect();
     classes
