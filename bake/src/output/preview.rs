@@ -14,7 +14,7 @@ const WHITE: f32 = 12.0;
 /// Side of the squares of the checker that stands for nothing, texels.
 const CHECKER: usize = 8;
 
-/// Exposure for linear colours: [`MIDDLE_GREY`](self) over the log-average luminance.
+/// Exposure for linear colours: 0.18, a photographer's middle grey, over the log-average luminance.
 ///
 /// The darkest and the brightest twentieth are left out of the average, so that neither a lamp nor
 /// an all but black corner decides; black and non-finite colours do not count. 1 where none is left.

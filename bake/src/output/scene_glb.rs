@@ -415,6 +415,10 @@ fn instance_transforms(document: &Document, node: usize) -> Result<Vec<Map<Strin
             transform.insert(property.to_owned(), json!(value));
         }
     }
+    if transforms.is_empty() {
+        // Attributes that move nothing leave one instance where the node is.
+        transforms.push(Map::new());
+    }
     Ok(transforms)
 }
 
