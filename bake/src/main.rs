@@ -1,2 +1,7 @@
-//! The command-line tool.
-fn main() {}
+//! The command-line tool; see [`bake::cli`].
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    bake::cli::main()
+}

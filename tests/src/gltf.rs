@@ -231,10 +231,8 @@ impl Glb {
 
     fn indices(&mut self, triangles: &[[u32; 3]]) -> usize {
         let flat: Vec<u32> = triangles.iter().flatten().copied().collect();
-        let short: Option<Vec<u16>> = flat
-            .iter()
-            .map(|&i| u16::try_from(i).ok().filter(|&i| i != u16::MAX))
-            .collect();
+        let short: Option<Vec<u16>> =
+            flat.iter().map(|&i| u16::try_from(i).ok().filter(|&i| i != u16::MAX)).collect();
         let (kind, bytes): (u32, Vec<u8>) = match short {
             Some(short) => (U16, short.iter().flat_map(|i| i.to_le_bytes()).collect()),
             None => (U32, flat.iter().flat_map(|i| i.to_le_bytes()).collect()),

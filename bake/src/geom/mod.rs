@@ -1,1 +1,12 @@
-//! Geometry: triangles, rays, charts and texels.
+//! Geometry: triangles in the world, rays and the tree they traverse, charts and texels.
+
+pub mod atlas;
+pub mod bvh;
+pub mod ray;
+pub mod shade;
+pub mod texel;
+pub mod world;
+
+pub use bvh::Bvh;
+pub use ray::{Hit, Ray};
+pub use world::World;

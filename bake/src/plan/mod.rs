@@ -1,1 +1,139 @@
-//! (plan)
+//! The gate: input becomes a [`Plan`], which is valid, complete and the only thing that the solver
+//! takes.
+//!
+//! Whatever can be wrong with the input is found before; nothing behind this point reports errors
+//! of the input.
+
+pub mod effects;
+pub mod memory;
+pub mod settings;
+
+use crate::error::{Error, Finding, Severity};
+use crate::geom::atlas::{self, Atlas};
+use crate::geom::shade::opacity;
+use crate::geom::{Bvh, World};
+use crate::light::Lights;
+use crate::scene::model::Scene;
+pub use effects::Effect;
+pub use memory::Memory;
+pub use settings::{Quality, Settings};
+
+/// A scene that is ready to be solved.
+#[derive(Debug)]
+pub struct Plan {
+    scene: Scene,
+    tracing: Tracing,
+    atlas: Atlas,
+    settings: Settings,
+    findings: Vec<Finding>,
+}
+
+/// What rays need: the placed triangles, the tree over them and the lights.
+#[derive(Debug)]
+pub struct Tracing {
+    /// Placed triangles.
+    pub world: World,
+    /// The tree.
+    pub bvh: Bvh,
+    /// What emits.
+    pub lights: Lights,
+}
+
+impl Tracing {
+    /// Places the triangles of a checked scene, builds the tree and gathers the lights.
+    ///
+    /// # Errors
+    ///
+    /// If the tree cannot be built.
+    pub fn new(scene: &Scene) -> Result<Self, Error> {
+        let world = World::new(scene);
+        let bvh = Bvh::build(&world, |t| {
+            let surface = world.surface[t as usize] as usize;
+            scene.surfaces[surface].casts_shadow.then(|| opacity(scene, surface))
+        })?;
+        let lights = Lights::new(scene, &world);
+        Ok(Self { world, bvh, lights })
+    }
+}
+
+/// Refuses a scene with findings of [`Severity::Error`].
+///
+/// # Errors
+///
+/// [`Error::Input`] with those findings.
+pub fn admit(findings: &[Finding]) -> Result<(), Error> {
+    let errors: Vec<Finding> = findings.iter().filter(|f| f.severity == Severity::Error).cloned().collect();
+    if errors.is_empty() { Ok(()) } else { Err(Error::Input(errors)) }
+}
+
+/// Makes a plan of a loaded scene: lays out the atlas and builds what rays need. `progress` hears of
+/// the layout's share done and stops it by returning false.
+///
+/// # Errors
+///
+/// [`Error::Input`] if `findings` hold an error or the layout finds one, [`Error::Usage`] for
+/// settings out of range, [`Error::Interrupted`] if `progress` said so.
+pub fn make(
+    scene: Scene,
+    mut findings: Vec<Finding>,
+    settings: Settings,
+    progress: &(dyn Fn(usize, usize) -> bool + Sync),
+) -> Result<Plan, Error> {
+    admit(&findings)?;
+    let (atlas, more) = atlas::build(&scene, &settings.atlas(), progress)?;
+    findings.extend(more);
+    if atlas.pages.is_empty() {
+        return Err(Finding::error(
+            "scene",
+            "no surface gets texels",
+            "set `lightmap` to `on` for at least one node that is not unlit",
+        )
+        .into());
+    }
+    let tracing = Tracing::new(&scene)?;
+    Ok(Plan { scene, tracing, atlas, settings, findings })
+}
+
+impl Plan {
+    /// The scene.
+    #[must_use]
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// What rays need.
+    #[must_use]
+    pub fn tracing(&self) -> &Tracing {
+        &self.tracing
+    }
+
+    /// Where every surface's texels are.
+    #[must_use]
+    pub fn atlas(&self) -> &Atlas {
+        &self.atlas
+    }
+
+    /// Every setting with its resolved value.
+    #[must_use]
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// What was noticed about the input; no errors.
+    #[must_use]
+    pub fn findings(&self) -> &[Finding] {
+        &self.findings
+    }
+
+    /// What the scene contains and what will run because of it.
+    #[must_use]
+    pub fn effects(&self) -> Vec<Effect> {
+        effects::list(&self.scene, &self.tracing.lights)
+    }
+
+    /// Bytes that the bake will need at its peak.
+    #[must_use]
+    pub fn memory(&self) -> Memory {
+        Memory::estimate(self)
+    }
+}

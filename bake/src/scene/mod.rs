@@ -1,3 +1,20 @@
 //! The scene: from glTF bytes to checked data in world units.
 
+pub mod accessor;
+mod check;
+pub mod config;
+pub mod document;
+mod findings;
+pub mod gltf;
+mod gltf_material;
+mod gltf_mesh;
+mod gltf_nodes;
+#[cfg(test)]
+mod gltf_tests;
+mod images;
+mod meshopt;
 pub mod model;
+mod read;
+pub mod sky;
+pub mod texture;
+mod uri;

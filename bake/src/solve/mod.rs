@@ -1,1 +1,8 @@
-//! (solve)
+//! Gathers estimates into results: texels of a lightmap, irradiance at points.
+
+pub mod accumulate;
+pub mod lightmap;
+pub mod monitor;
+pub mod points;
+
+pub use monitor::Monitor;

@@ -1,1 +1,6 @@
-//! (transport)
+//! Light transport: the path-traced estimate of what arrives at a point.
+
+pub mod direct;
+pub mod path;
+
+pub use path::{Estimate, Kernel, Vertex};

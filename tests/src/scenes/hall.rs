@@ -101,7 +101,8 @@ fn materials(glb: &mut Glb) -> Materials {
     let carpet = matte("carpet", [0.5, 0.06, 0.05]);
     let clay = matte("clay", [0.52, 0.26, 0.15]);
     let wax = matte("wax", [0.72, 0.68, 0.58]);
-    let mut cloth = |name: &str, albedo: [f32; 3]| glb.material(&Material::matte(name, albedo).double_sided());
+    let mut cloth =
+        |name: &str, albedo: [f32; 3]| glb.material(&Material::matte(name, albedo).double_sided());
     let blue = cloth("blue cloth", [0.07, 0.13, 0.45]);
     let ochre = cloth("ochre cloth", [0.6, 0.36, 0.08]);
     let linen = cloth("linen", [0.7, 0.66, 0.58]);
@@ -206,7 +207,8 @@ fn columns(glb: &mut Glb, m: &Materials) {
             .collect()
     };
     column.lathe(&ring(Vec2::new(0.255, 0.18), 0.07, 6), 20);
-    column.lathe(&[[0.235, 0.22], [0.24, 0.9], [0.235, 1.6], [0.222, 2.3], [0.205, 2.86]].map(Vec2::from), 20);
+    column
+        .lathe(&[[0.235, 0.22], [0.24, 0.9], [0.235, 1.6], [0.222, 2.3], [0.205, 2.86]].map(Vec2::from), 20);
     column.lathe(&ring(Vec2::new(0.2, 2.82), 0.035, 4), 20);
     column.lathe(&[[0.205, 2.85], [0.212, 2.93], [0.245, 3.01], [0.315, 3.09]].map(Vec2::from), 20);
     let mesh = glb.mesh("column", &[(&column, m.stone)]);
@@ -261,10 +263,18 @@ fn windows(glb: &mut Glb, m: &Materials) {
     let mut bars = Shape::default();
     for pair in COLUMNS.windows(2) {
         let x = 0.5 * (pair[0] + pair[1]);
-        bars.cuboid([x - 0.025, 1.39, -4.2], [x + 0.025, 3.56, -4.15], [true, true, false, false, true, true]);
+        bars.cuboid(
+            [x - 0.025, 1.39, -4.2],
+            [x + 0.025, 3.56, -4.15],
+            [true, true, false, false, true, true],
+        );
         for y in [1.9, 2.4, 2.9] {
             for (x0, x1) in [(x - 0.66, x - 0.025), (x + 0.025, x + 0.66)] {
-                bars.cuboid([x0, y - 0.02, -4.195], [x1, y + 0.02, -4.155], [false, false, true, true, true, true]);
+                bars.cuboid(
+                    [x0, y - 0.02, -4.195],
+                    [x1, y + 0.02, -4.155],
+                    [false, false, true, true, true, true],
+                );
             }
         }
     }
@@ -301,7 +311,8 @@ fn furniture(glb: &mut Glb, m: &Materials) {
 
     let bench = table(1.7, 0.38, 0.45, 0.08);
     let mesh = glb.mesh("bench", &[(&bench, m.wood)]);
-    for (i, (x, z, turn)) in [(-2.7, -1.45, 0.02), (2.7, -1.5, 0.0), (2.75, 1.5, 0.0)].into_iter().enumerate() {
+    for (i, (x, z, turn)) in [(-2.7, -1.45, 0.02), (2.7, -1.5, 0.0), (2.75, 1.5, 0.0)].into_iter().enumerate()
+    {
         let node = Node::new(&format!("bench {}", i + 1)).mesh(mesh);
         glb.node(node.at([x, 0.0, z]).turned(Quat::from_rotation_y(turn)));
     }
@@ -311,7 +322,8 @@ fn furniture(glb: &mut Glb, m: &Materials) {
     let mut jug = Shape::default();
     let profile = [[0.0, 0.0], [0.07, 0.0]].map(Vec2::from);
     jug.lathe(&profile, 16);
-    let body = [[0.07, 0.0], [0.1, 0.06], [0.11, 0.12], [0.09, 0.19], [0.05, 0.24], [0.045, 0.28], [0.06, 0.32]];
+    let body =
+        [[0.07, 0.0], [0.1, 0.06], [0.11, 0.12], [0.09, 0.19], [0.05, 0.24], [0.045, 0.28], [0.06, 0.32]];
     jug.lathe(&body.map(Vec2::from), 16);
     let lining = [[0.06, 0.32], [0.035, 0.28], [0.04, 0.23], [0.0, 0.2]];
     jug.lathe(&lining.map(Vec2::from), 16);

@@ -1,0 +1,271 @@
+//! Every argument of every command.
+
+use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+
+/// Bakes a glTF scene into lightmaps: headless, deterministic, with an error figure on everything.
+#[derive(Debug, Parser)]
+#[command(name = "bake", version, about, propagate_version = true, max_term_width = 100)]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Bake a scene into a folder of lightmaps
+    Run(RunArgs),
+    /// Show what a scene contains, what will run and why, memory and time
+    Plan(PlanArgs),
+    /// Report all findings about the input at once
+    Check(CheckArgs),
+    /// Irradiance and its standard error at given points and normals
+    Points(PointsArgs),
+    /// Compare two bakes or two EXR files
+    Compare(CompareArgs),
+    /// Join shards (reserved)
+    Merge(MergeArgs),
+}
+
+/// What decides how the scene is read.
+#[derive(Clone, Debug, ClapArgs)]
+pub(crate) struct SceneArgs {
+    /// Scene, .gltf or .glb; the embedded hall if absent
+    pub(crate) scene: Option<PathBuf>,
+    /// Configuration file with lamps, sky, node settings and run options
+    #[arg(long, value_name = "bake.toml")]
+    pub(crate) config: Option<PathBuf>,
+    /// Sky: `0.5`, `1,0.9,0.8` (nits), `#rrggbb`, or an equirectangular image
+    #[arg(long, value_name = "COLOUR|FILE.hdr|FILE.exr", allow_hyphen_values = true)]
+    pub(crate) sky: Option<String>,
+    /// How the file's light intensities are meant [default: gltf]
+    #[arg(long, value_enum)]
+    pub(crate) light_units: Option<LightUnitsArg>,
+}
+
+/// What decides how much is computed.
+#[derive(Clone, Debug, ClapArgs)]
+pub(crate) struct SettingsArgs {
+    /// Preset [default: medium]
+    ///
+    /// draft: 16 paths per texel, one page of at most 1024^2;
+    /// medium: 64 paths, 2048^2;
+    /// high: 512 paths, 4096^2
+    #[arg(long, value_enum)]
+    pub(crate) quality: Option<QualityArg>,
+    /// Exactly this many paths per texel
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    pub(crate) samples: Option<u32>,
+    /// Most reflections; without it Russian roulette ends paths
+    #[arg(long, value_name = "N")]
+    pub(crate) bounces: Option<u32>,
+    /// Density; without it the scene fills one page of the preset's size
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
+    pub(crate) texels_per_metre: Option<f32>,
+    /// Greatest side of a page [default: 4096]
+    #[arg(long, value_name = "PX")]
+    pub(crate) max_size: Option<u32>,
+    /// What happens to second UV sets of the file [default: auto]
+    #[arg(long, value_enum)]
+    pub(crate) unwrap: Option<UnwrapArg>,
+    /// What flattens charts
+    #[cfg(feature = "xatlas")]
+    #[arg(long, value_enum, default_value = "uvunwrap")]
+    pub(crate) unwrap_engine: EngineArg,
+    /// Media; this version bakes surfaces only
+    #[arg(long, value_enum)]
+    pub(crate) media: Option<MediaArg>,
+    /// Also write direct and indirect light apart
+    #[arg(long)]
+    pub(crate) split_direct: bool,
+    /// Seed of all random numbers [default: 0]
+    #[arg(long, value_name = "N")]
+    pub(crate) seed: Option<u64>,
+}
+
+/// How the command runs, without effect on its result.
+#[derive(Clone, Debug, ClapArgs)]
+pub(crate) struct WorkArgs {
+    /// Worker threads [default: all]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub(crate) threads: Option<u32>,
+    /// Progress on standard error [default: auto]
+    #[arg(long, value_enum)]
+    pub(crate) progress: Option<ProgressArg>,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(crate) struct RunArgs {
+    #[command(flatten)]
+    pub(crate) scene: SceneArgs,
+    /// Folder to write [default: the scene's name + .bake]
+    #[arg(short, long, value_name = "DIR")]
+    pub(crate) output: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) settings: SettingsArgs,
+    /// Fail on the first sample that is not a number instead of counting it
+    #[arg(long)]
+    pub(crate) strict: bool,
+    #[command(flatten)]
+    pub(crate) work: WorkArgs,
+    /// Go on with an interrupted bake (reserved)
+    #[arg(long)]
+    pub(crate) resume: bool,
+    /// Bake a part of the work (reserved)
+    #[arg(long, value_name = "RANGE", requires = "of")]
+    pub(crate) shard: Option<String>,
+    /// Number of parts (reserved)
+    #[arg(long, value_name = "N")]
+    pub(crate) of: Option<u32>,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(crate) struct PlanArgs {
+    #[command(flatten)]
+    pub(crate) scene: SceneArgs,
+    #[command(flatten)]
+    pub(crate) settings: SettingsArgs,
+    /// Say why for every decision
+    #[arg(long)]
+    pub(crate) explain: bool,
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+    #[command(flatten)]
+    pub(crate) work: WorkArgs,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(crate) struct CheckArgs {
+    #[command(flatten)]
+    pub(crate) scene: SceneArgs,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(crate) struct PointsArgs {
+    /// Scene, .gltf or .glb
+    pub(crate) scene: PathBuf,
+    /// {"points": [{"position": [x, y, z], "normal": [x, y, z]}]}
+    pub(crate) points: PathBuf,
+    /// Configuration file
+    #[arg(long, value_name = "bake.toml")]
+    pub(crate) config: Option<PathBuf>,
+    /// Preset: relative standard error 1 % (draft), 0.3 % (medium), 0.1 % (high) [default: medium]
+    #[arg(long, value_enum)]
+    pub(crate) quality: Option<QualityArg>,
+    /// Exactly this many paths per point
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) samples: Option<u32>,
+    /// Go on until the standard error is below this part of the value
+    #[arg(long, value_name = "REL", allow_negative_numbers = true)]
+    pub(crate) target_error: Option<f32>,
+    /// Most reflections
+    #[arg(long, value_name = "N")]
+    pub(crate) bounces: Option<u32>,
+    /// Sky
+    #[arg(long, value_name = "COLOUR|FILE.hdr|FILE.exr", allow_hyphen_values = true)]
+    pub(crate) sky: Option<String>,
+    /// How the file's light intensities are meant
+    #[arg(long, value_enum)]
+    pub(crate) light_units: Option<LightUnitsArg>,
+    /// Media; this version gathers from surfaces only
+    #[arg(long, value_enum)]
+    pub(crate) media: Option<MediaArg>,
+    /// Seed of all random numbers
+    #[arg(long, value_name = "N")]
+    pub(crate) seed: Option<u64>,
+    #[command(flatten)]
+    pub(crate) work: WorkArgs,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(crate) struct CompareArgs {
+    /// A bake's folder, or an EXR
+    pub(crate) a: PathBuf,
+    /// The reference: a bake's folder, or an EXR
+    pub(crate) b: PathBuf,
+    /// Folder for difference pictures
+    #[arg(short, long, value_name = "DIR")]
+    pub(crate) output: Option<PathBuf>,
+    /// Chance that two equal bakes are called different [default: 0.001]
+    #[arg(long, value_name = "P", allow_negative_numbers = true)]
+    pub(crate) alpha: Option<f64>,
+    /// Relative RMSE that counts as equal where a side has no standard errors [default: 0.001]
+    #[arg(long, value_name = "REL", allow_negative_numbers = true)]
+    pub(crate) tolerance: Option<f64>,
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(crate) struct MergeArgs {
+    /// Folder with shards
+    #[expect(dead_code, reason = "the command is reserved")]
+    pub(crate) dir: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum QualityArg {
+    Draft,
+    Medium,
+    High,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum UnwrapArg {
+    /// Use them; a surface without valid ones is an error
+    Keep,
+    /// Use valid ones, unwrap the rest
+    Auto,
+    /// Ignore them
+    Always,
+}
+
+#[cfg(feature = "xatlas")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum EngineArg {
+    /// Seconds for hundreds of thousands of triangles
+    Uvunwrap,
+    /// Fewer charts on small meshes; stopped after 60 s a mesh
+    Xatlas,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum LightUnitsArg {
+    /// Candela and lux, as the specification says
+    Gltf,
+    /// Watts, as Blender exports with "Raw"
+    BlenderRaw,
+    /// Watts over 4 pi, as Blender exports with "Unitless"
+    BlenderUnitless,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum MediaArg {
+    /// Media are ignored
+    Off,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ProgressArg {
+    /// A bar on a terminal, lines elsewhere
+    Auto,
+    /// Lines
+    Plain,
+    /// One JSON object a line
+    Json,
+    /// Nothing
+    None,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn arguments_are_consistent() {
+        Args::command().debug_assert();
+    }
+}

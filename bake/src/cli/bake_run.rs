@@ -1,0 +1,225 @@
+//! `bake run`.
+
+use crate::cli::args::RunArgs;
+use crate::cli::input::{self, Input};
+use crate::cli::say::{self, Interrupt, Style};
+use crate::cli::stopwatch::Stopwatch;
+use crate::error::{Error, Finding};
+use crate::geom::texel::TexelMap;
+use crate::output::folder::Staging;
+use crate::output::page::{Page, PageStats};
+use crate::output::{assemble, exr, preview, record, scene_glb, view};
+use crate::plan::{self, Plan};
+use crate::solve::accumulate::Gate;
+use crate::solve::{Monitor, lightmap};
+use crate::transport::Kernel;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Error> {
+    if args.resume || args.shard.is_some() || args.of.is_some() {
+        return Err(Error::Usage(
+            "--resume, --shard and --of are reserved: this version bakes in one run".to_owned(),
+        ));
+    }
+    let mut watch = Stopwatch::start();
+    let input = input::load(&args.scene)?;
+    say::findings(&input.findings, false);
+    plan::admit(&input.findings)?;
+    let settings = input::settings(&args.settings, &input.run, &input.scene)?;
+    let folder = folder(args, &input);
+    let progress = match (args.work.progress, &input.run.progress) {
+        (None, Some(text)) => Some(input::progress(text)?),
+        (p, _) => p,
+    };
+    let style = Style::new(progress);
+    let threads = args.work.threads.or(input.run.threads).unwrap_or(0) as usize;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .map_err(|e| Error::Usage(format!("cannot start {threads} threads: {e}")))?;
+    let strict = args.strict || input.run.strict.unwrap_or(false);
+    pool.install(|| {
+        let staging = Staging::begin(&folder)?;
+        watch.lap("load");
+        style.stage("lights", &light_summary(&input));
+        style.stage("unwrap", &format!("{} surfaces", input.scene.surfaces.len()));
+        let n_loaded = input.findings.len();
+        let goes_on = |_, _| !interrupt.raised();
+        let plan = plan::make(input.scene, input.findings, settings, &goes_on)?;
+        say::findings(&plan.findings()[n_loaded..], false);
+        watch.lap("unwrap");
+        interrupt.check()?;
+        let mut job = Job { plan: &plan, staging: &staging, style, interrupt, strict, watch };
+        let baked = job.pages()?;
+        interrupt.check()?;
+        job.scene(&input.document, &baked)?;
+        let mut watch = job.watch;
+        let manifest = record::manifest(&plan, &input.document.inputs(), &baked.figures, &baked.gate);
+        let error = manifest.error;
+        watch.lap("write");
+        interrupt.check()?;
+        let timings =
+            watch.timings(baked.monitor.rays(), baked.monitor.paths(), rayon::current_num_threads());
+        staging.commit(manifest, &timings)?;
+        style.stage("done", &summary(&folder, &plan, &error, &timings));
+        Ok(ExitCode::SUCCESS)
+    })
+}
+
+fn folder(args: &RunArgs, input: &Input) -> PathBuf {
+    match (&args.output, &input.run.output) {
+        (Some(dir), _) => dir.clone(),
+        (None, Some(dir)) => PathBuf::from(dir),
+        (None, None) => PathBuf::from(format!("{}.bake", input.document.name())),
+    }
+}
+
+fn light_summary(input: &Input) -> String {
+    let n = input.scene.lights.len();
+    format!("{n} read as {}\n{}", input.light_units.name(), input::lights(input)).trim_end().to_owned()
+}
+
+fn summary(
+    folder: &Path,
+    plan: &Plan,
+    error: &tables::format::manifest::ErrorFigure,
+    timings: &tables::format::manifest::Timings,
+) -> String {
+    let pages = plan.atlas().pages.len();
+    let error = error.relative.map_or_else(|| "black".to_owned(), |r| format!("error {:.2} %", 100.0 * r));
+    format!(
+        "{} ({pages} page{}, {error}, {}, peak {})",
+        folder.display(),
+        if pages == 1 { "" } else { "s" },
+        say::duration(timings.wall_seconds),
+        say::bytes(timings.peak_memory_bytes),
+    )
+}
+
+/// A bake under way.
+struct Job<'a> {
+    plan: &'a Plan,
+    staging: &'a Staging,
+    style: Style,
+    interrupt: &'a Interrupt,
+    strict: bool,
+    watch: Stopwatch,
+}
+
+/// What the pages left behind.
+struct Baked {
+    /// Radiance and coverage only.
+    pages: Vec<Page>,
+    figures: Vec<record::PageFigures>,
+    gate: Gate,
+    monitor: Monitor,
+}
+
+impl Job<'_> {
+    fn kernel(&self) -> Kernel<'_> {
+        kernel(self.plan)
+    }
+
+    fn pages(&mut self) -> Result<Baked, Error> {
+        let atlas = self.plan.atlas();
+        let settings = self.plan.settings();
+        let mut baked = Baked {
+            pages: Vec::new(),
+            figures: Vec::new(),
+            gate: Gate::default(),
+            monitor: Monitor::default(),
+        };
+        self.style.stage("plan", &announce(self.plan));
+        for number in 0..atlas.pages.len() {
+            let map = TexelMap::build(self.plan.scene(), atlas, number);
+            self.watch.lap("texels");
+            let total = map.texels.len() as u64 * u64::from(settings.samples);
+            let name = format!("page {} of {}", number + 1, atlas.pages.len());
+            let solution = say::watch(self.style, &name, total, &baked.monitor, self.interrupt, || {
+                let (n, seed) = (settings.samples, settings.seed);
+                lightmap::bake_page(&self.kernel(), &map, number, n, seed, &baked.monitor)
+            })?;
+            self.watch.lap("sample");
+            self.admit(&solution.gate)?;
+            baked.gate = baked.gate.merge(solution.gate);
+            let (mut page, filled) = assemble::page(self.plan, &map, solution);
+            drop(map);
+            exr::write_page(&self.staging.path(&record::page_file(number)), &page)?;
+            preview::write_page(&self.staging.path(&record::preview_file(number)), &page)?;
+            preview::write_error(&self.staging.path(&record::error_file(number)), &page)?;
+            baked.figures.push(record::PageFigures { stats: PageStats::of(&page), filled });
+            page.std_err = Vec::new();
+            (page.direct, page.indirect) = (None, None);
+            baked.pages.push(page);
+            self.watch.lap("write");
+            self.interrupt.check()?;
+        }
+        Ok(baked)
+    }
+
+    /// Reports samples that were not finite; with `--strict` they end the bake.
+    fn admit(&self, gate: &Gate) -> Result<(), Error> {
+        let Some(first) = gate.first else { return Ok(()) };
+        let finding = Finding::warning(
+            format!("page {} texel {}", first.page, first.texel),
+            format!(
+                "{} samples were not finite, the first is number {}; they count as black",
+                gate.rejected, first.sample
+            ),
+            "look for lights or transforms with extreme values; --strict makes this an error",
+        );
+        if self.strict {
+            return Err(Finding { severity: crate::error::Severity::Error, ..finding }.into());
+        }
+        say::findings(&[finding], false);
+        Ok(())
+    }
+
+    fn scene(&mut self, document: &crate::scene::document::Document, baked: &Baked) -> Result<(), Error> {
+        let plan = self.plan;
+        let files: Vec<String> = (0..plan.atlas().pages.len()).map(record::page_file).collect();
+        let path = self.staging.path("scene.glb");
+        say::findings(&scene_glb::write(&path, document, plan.scene(), plan.atlas(), &files)?, false);
+        let kernel = self.kernel();
+        let camera = view::camera(plan, &kernel);
+        let picture = view::draw(plan, &kernel, &baked.pages, &camera);
+        preview::write_image(
+            &self.staging.path("preview.png"),
+            picture.width,
+            picture.height,
+            &picture.pixels,
+            None,
+        )?;
+        self.watch.lap("preview");
+        Ok(())
+    }
+}
+
+/// The kernel that a plan calls for.
+pub(crate) fn kernel(plan: &Plan) -> Kernel<'_> {
+    let t = plan.tracing();
+    Kernel {
+        scene: plan.scene(),
+        world: &t.world,
+        bvh: &t.bvh,
+        lights: &t.lights,
+        bounces: plan.settings().bounces,
+    }
+}
+
+fn announce(plan: &Plan) -> String {
+    let atlas = plan.atlas();
+    let sizes: Vec<String> =
+        atlas.pages.iter().take(4).map(|p| format!("{} x {}", p.width, p.height)).collect();
+    let more = if 4 < atlas.pages.len() { ", ..." } else { "" };
+    format!(
+        "{:.3} texels/m, {} charts on {} page(s) of {}{more}, {} paths per texel, memory {}",
+        atlas.texels_per_metre,
+        atlas.charts,
+        atlas.pages.len(),
+        sizes.join(", "),
+        plan.settings().samples,
+        say::bytes(plan.memory().peak()),
+    )
+}

@@ -1,0 +1,180 @@
+//! Reads scene and configuration and resolves settings.
+
+use crate::cli::args::{LightUnitsArg, MediaArg, QualityArg, SceneArgs, SettingsArgs, UnwrapArg};
+use crate::error::{Error, Finding};
+use crate::geom::atlas::{Engine, Unwrap};
+use crate::plan::{Quality, Settings};
+use crate::scene::config::{Config, RunConfig};
+use crate::scene::document::Document;
+use crate::scene::gltf::{self, LightUnits, LoadOptions};
+use crate::scene::model::{LightKind, Scene};
+use crate::scene::sky::parse_sky_with_input;
+use clap::ValueEnum;
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// The scene that is baked where none is named.
+const HALL: &[u8] = include_bytes!("../../../data/hall.glb");
+
+/// Everything read from files, with findings.
+pub(crate) struct Input {
+    pub(crate) document: Document,
+    pub(crate) scene: Scene,
+    pub(crate) findings: Vec<Finding>,
+    pub(crate) run: RunConfig,
+    pub(crate) light_units: LightUnits,
+}
+
+/// Reads the scene; findings may hold errors.
+///
+/// # Errors
+///
+/// If a file cannot be read at all.
+pub(crate) fn load(args: &SceneArgs) -> Result<Input, Error> {
+    let (config, mut findings) = match &args.config {
+        Some(path) => Config::open(path)?,
+        None => (Config::default(), Vec::new()),
+    };
+    let document = match &args.scene {
+        Some(path) => Document::open(path)?,
+        None => Document::from_bytes("hall", HALL, None)?,
+    };
+    // Paths on the command line belong to the working directory, those in a file to its folder.
+    let sky = match (&args.sky, &config.run.sky) {
+        (Some(text), _) => Some(parse_sky_with_input(text, Path::new(""))?),
+        (None, Some(text)) => {
+            let dir = args.config.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
+            Some(parse_sky_with_input(text, dir)?)
+        }
+        (None, None) => None,
+    };
+    let sky = sky.map(|(sky, file)| {
+        file.into_iter().for_each(|f| document.add_input(f));
+        sky
+    });
+    let light_units = match (args.light_units, &config.run.light_units) {
+        (Some(units), _) => units,
+        (None, Some(text)) => word(text, "run.light_units")?,
+        (None, None) => LightUnitsArg::Gltf,
+    };
+    let light_units = match light_units {
+        LightUnitsArg::Gltf => LightUnits::Gltf,
+        LightUnitsArg::BlenderRaw => LightUnits::BlenderRaw,
+        LightUnitsArg::BlenderUnitless => LightUnits::BlenderUnitless,
+    };
+    let (scene, more) = gltf::load(&document, &config, &LoadOptions { light_units, sky });
+    findings.extend(more);
+    findings.sort_by_key(|f| std::cmp::Reverse(f.severity));
+    Ok(Input { document, scene, findings, run: config.run, light_units })
+}
+
+/// A word of the configuration file that is also one of the command line.
+fn word<T: ValueEnum>(text: &str, path: &str) -> Result<T, Error> {
+    T::from_str(text, false).map_err(|_| {
+        let known: Vec<String> = T::value_variants()
+            .iter()
+            .filter_map(|v| v.to_possible_value().map(|p| p.get_name().to_owned()))
+            .collect();
+        Finding::error(path, format!("unknown value `{text}`"), format!("write one of {}", known.join(", ")))
+            .into()
+    })
+}
+
+/// Settings from the command line, else the configuration file, else the scene, else the preset.
+///
+/// # Errors
+///
+/// If a value is out of range.
+pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> Result<Settings, Error> {
+    let quality = match (args.quality, &run.quality) {
+        (Some(q), _) => q,
+        (None, Some(text)) => word(text, "run.quality")?,
+        (None, None) => QualityArg::Medium,
+    };
+    let unwrap = match (args.unwrap, &run.unwrap) {
+        (Some(u), _) => u,
+        (None, Some(text)) => word(text, "run.unwrap")?,
+        (None, None) => UnwrapArg::Auto,
+    };
+    if let (None, Some(text)) = (args.media, &run.media) {
+        let MediaArg::Off = word(text, "run.media")?;
+    }
+    let quality = self::quality(quality);
+    let texels_per_metre = args.texels_per_metre.or(run.texels_per_metre).or(scene.texels_per_metre);
+    if let Some(d) = texels_per_metre
+        && !(d.is_finite() && 0.0 < d)
+    {
+        return Err(Error::Usage(format!("--texels-per-metre {d}: write a positive number")));
+    }
+    let samples = args.samples.or(run.samples).unwrap_or(quality.samples());
+    if samples == 0 {
+        return Err(Error::Usage("0 samples: write at least 1".to_owned()));
+    }
+    Ok(Settings {
+        quality,
+        samples,
+        bounces: args.bounces.or(run.bounces),
+        texels_per_metre,
+        max_size: args.max_size.or(run.max_size).unwrap_or(4096),
+        padding: 2,
+        unwrap: match unwrap {
+            UnwrapArg::Keep => Unwrap::Keep,
+            UnwrapArg::Auto => Unwrap::Auto,
+            UnwrapArg::Always => Unwrap::Always,
+        },
+        engine: engine(args),
+        seed: args.seed.or(run.seed).unwrap_or(0),
+        split_direct: args.split_direct,
+    })
+}
+
+pub(crate) fn quality(arg: QualityArg) -> Quality {
+    match arg {
+        QualityArg::Draft => Quality::Draft,
+        QualityArg::Medium => Quality::Medium,
+        QualityArg::High => Quality::High,
+    }
+}
+
+#[cfg(feature = "xatlas")]
+fn engine(args: &SettingsArgs) -> Engine {
+    match args.unwrap_engine {
+        crate::cli::args::EngineArg::Uvunwrap => Engine::Uvunwrap,
+        crate::cli::args::EngineArg::Xatlas => Engine::Xatlas { seconds: 60 },
+    }
+}
+
+#[cfg(not(feature = "xatlas"))]
+fn engine(_: &SettingsArgs) -> Engine {
+    Engine::Uvunwrap
+}
+
+/// The interpretation of every light, one line each: what the numbers of the file were taken for.
+pub(crate) fn lights(input: &Input) -> String {
+    let mut text = String::new();
+    let strongest = |c: glam::Vec3| c.max_element();
+    for light in input.scene.lights.iter().take(8) {
+        let what = match light.kind {
+            LightKind::Point { intensity, .. } => format!("point, {:.4} cd", strongest(intensity)),
+            LightKind::Spot { intensity, .. } => format!("spot, {:.4} cd", strongest(intensity)),
+            LightKind::Directional { illuminance, .. } => {
+                format!("directional, {:.4} lx", strongest(illuminance))
+            }
+        };
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "  {}: {what} (brightest channel), {:?}", light.path, light.mode);
+    }
+    if 8 < input.scene.lights.len() {
+        let _ = writeln!(text, "  and {} more", input.scene.lights.len() - 8);
+    }
+    text
+}
+
+/// The way of showing progress that the configuration names.
+///
+/// # Errors
+///
+/// If the word is unknown.
+pub(crate) fn progress(text: &str) -> Result<crate::cli::args::ProgressArg, Error> {
+    word(text, "run.progress")
+}

@@ -1,0 +1,138 @@
+//! `bake points`.
+
+#![expect(clippy::print_stdout, reason = "the result is one JSON object on standard output")]
+
+use crate::cli::args::{PointsArgs, SceneArgs};
+use crate::cli::input;
+use crate::cli::say::{self, Interrupt, Style};
+use crate::error::{Error, Finding};
+use crate::plan::{self, Quality, Tracing};
+use crate::solve::Monitor;
+use crate::solve::points::{self, Until};
+use crate::transport::Kernel;
+use glam::Vec3;
+use serde_json::{Value, json};
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Paths per point at most where an error is asked for: some minutes, and then the answer says that
+/// the error was not reached.
+const MOST: u32 = 1 << 25;
+
+pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, Error> {
+    let scene_args = SceneArgs {
+        scene: Some(args.scene.clone()),
+        config: args.config.clone(),
+        sky: args.sky.clone(),
+        light_units: args.light_units,
+    };
+    let mut file = read(&args.points)?;
+    let points = parse(&file, &args.points)?;
+    let input = input::load(&scene_args)?;
+    say::findings(&input.findings, false);
+    plan::admit(&input.findings)?;
+    let until = until(args)?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(args.work.threads.unwrap_or(0) as usize)
+        .build()
+        .map_err(|e| Error::Usage(format!("cannot start the threads: {e}")))?;
+    let monitor = Monitor::default();
+    let tracing = Tracing::new(&input.scene)?;
+    let kernel = Kernel {
+        scene: &input.scene,
+        world: &tracing.world,
+        bvh: &tracing.bvh,
+        lights: &tracing.lights,
+        bounces: args.bounces.or(input.run.bounces),
+    };
+    let seed = args.seed.or(input.run.seed).unwrap_or(0);
+    let total = match until {
+        Until::Samples(n) => u64::from(n) * points.len() as u64,
+        Until::Error { .. } => 0,
+    };
+    // With an error as the target the number of paths is not known, so there is nothing to show.
+    let style = if total == 0 { Style::Silent } else { Style::new(args.work.progress) };
+    let (results, gate) = say::watch(style, "points", total, &monitor, interrupt, || {
+        pool.install(|| points::gather(&kernel, &points, until, seed, &monitor))
+    })?;
+    if 0 < gate.rejected {
+        say::line(&format!("warning: {} samples were not finite and count as black", gate.rejected));
+    }
+    let mut missed = 0;
+    if let Some(list) = file["points"].as_array_mut() {
+        for (entry, r) in list.iter_mut().zip(&results) {
+            entry["irradiance"] = json!(r.irradiance.to_array());
+            entry["std_err"] = json!(r.std_err.to_array());
+            missed += usize::from(!r.reached);
+        }
+    }
+    println!("{file}");
+    if 0 < missed {
+        say::line(&format!("{missed} point(s) did not reach the error asked for within {MOST} paths"));
+        return Ok(ExitCode::from(1));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn until(args: &PointsArgs) -> Result<Until, Error> {
+    if let Some(n) = args.samples {
+        return Ok(Until::Samples(n));
+    }
+    let preset = match args.quality.map(input::quality) {
+        Some(Quality::Draft) => 0.01,
+        Some(Quality::High) => 0.001,
+        Some(Quality::Medium) | None => 0.003,
+    };
+    let relative = args.target_error.unwrap_or(preset);
+    if !(0.0 < relative && relative.is_finite()) {
+        return Err(Error::Usage(format!(
+            "--target-error {relative}: write a positive number such as 0.003"
+        )));
+    }
+    Ok(Until::Error { relative, most: MOST })
+}
+
+fn read(path: &Path) -> Result<Value, Error> {
+    let text = std::fs::read_to_string(path).map_err(Error::io(path, "cannot read"))?;
+    serde_json::from_str(&text).map_err(|e| {
+        Finding::error(path.display().to_string(), format!("not JSON: {e}"), "correct the syntax").into()
+    })
+}
+
+/// Positions and unit normals.
+fn parse(file: &Value, path: &Path) -> Result<Vec<(Vec3, Vec3)>, Error> {
+    let at = |i: usize, key: &str| format!("{}: points[{i}].{key}", path.display());
+    let Some(list) = file.get("points").and_then(Value::as_array) else {
+        let shape = r#"write {"points": [{"position": [x, y, z], "normal": [x, y, z]}]}"#;
+        return Err(Finding::error(path.display().to_string(), "has no list `points`", shape).into());
+    };
+    let mut points = Vec::with_capacity(list.len());
+    let mut findings = Vec::new();
+    for (i, entry) in list.iter().enumerate() {
+        let position = vector(&entry["position"]);
+        let normal = vector(&entry["normal"]).and_then(Vec3::try_normalize);
+        if position.is_none() {
+            findings.push(Finding::error(
+                at(i, "position"),
+                "is not three finite numbers",
+                "write [x, y, z] in metres",
+            ));
+        }
+        if normal.is_none() {
+            findings.push(Finding::error(
+                at(i, "normal"),
+                "is not a direction",
+                "write [x, y, z] with a length above 0",
+            ));
+        }
+        points.extend(position.zip(normal));
+    }
+    if findings.is_empty() { Ok(points) } else { Err(Error::Input(findings)) }
+}
+
+fn vector(value: &Value) -> Option<Vec3> {
+    let list = value.as_array().filter(|l| l.len() == 3)?;
+    #[expect(clippy::cast_possible_truncation, reason = "coordinates are f32 here; infinity is refused")]
+    let number = |i: usize| list[i].as_f64().map(|x| x as f32);
+    Some(Vec3::new(number(0)?, number(1)?, number(2)?)).filter(|v| v.is_finite())
+}

@@ -1,0 +1,131 @@
+//! `bake plan`.
+
+#![expect(clippy::print_stdout, reason = "the plan is the command's result")]
+
+use crate::cli::args::PlanArgs;
+use crate::cli::bake_run::kernel;
+use crate::cli::input;
+use crate::cli::say::{self, Interrupt, Style};
+use crate::error::Error;
+use crate::geom::texel::TexelMap;
+use crate::plan::{self, Plan};
+use crate::solve::{Monitor, lightmap};
+use serde_json::{Value, json};
+use std::process::ExitCode;
+use std::time::Instant;
+
+pub(crate) fn run(args: &PlanArgs, interrupt: &Interrupt) -> Result<ExitCode, Error> {
+    let input = input::load(&args.scene)?;
+    say::findings(&input.findings, args.explain);
+    plan::admit(&input.findings)?;
+    let settings = input::settings(&args.settings, &input.run, &input.scene)?;
+    let lights = input::lights(&input);
+    let units = input.light_units.name();
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(args.work.threads.unwrap_or(0) as usize)
+        .build()
+        .map_err(|e| Error::Usage(format!("cannot start the threads: {e}")))?;
+    Style::new(args.work.progress).stage("unwrap", &format!("{} surfaces", input.scene.surfaces.len()));
+    let plan =
+        pool.install(|| plan::make(input.scene, input.findings, settings, &|_, _| !interrupt.raised()))?;
+    let cost = pool.install(|| Cost::measure(&plan))?;
+    if args.json {
+        println!("{:#}", to_json(&plan, &cost));
+        return Ok(ExitCode::SUCCESS);
+    }
+    print(&plan, &cost, args.explain, units, &lights);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// What the bake will take.
+struct Cost {
+    covered: u64,
+    seconds: f64,
+}
+
+impl Cost {
+    /// Counts the texels and times a few paths in texels spread over all pages.
+    fn measure(plan: &Plan) -> Result<Self, Error> {
+        let kernel = kernel(plan);
+        let (mut covered, mut seconds, mut paths) = (0u64, 0.0, 0u64);
+        for page in 0..plan.atlas().pages.len() {
+            let map = TexelMap::build(plan.scene(), plan.atlas(), page);
+            covered += map.texels.len() as u64;
+            let probe = map.thinned(2048);
+            // Once to warm the caches, once to measure.
+            for measured in [false, true] {
+                let monitor = Monitor::default();
+                let start = Instant::now();
+                lightmap::bake_page(&kernel, &probe, page, 4, 1, &monitor)?;
+                if measured {
+                    seconds += start.elapsed().as_secs_f64();
+                    paths += monitor.paths();
+                }
+            }
+        }
+        let all = covered as f64 * f64::from(plan.settings().samples);
+        Ok(Self { covered, seconds: all * seconds / (paths.max(1)) as f64 })
+    }
+}
+
+fn to_json(plan: &Plan, cost: &Cost) -> Value {
+    let memory = plan.memory();
+    json!({
+        "effects": plan.effects(),
+        "settings": plan.settings().to_map(),
+        "pages": plan.atlas().pages.iter().map(|p| json!({"width": p.width, "height": p.height})).collect::<Vec<_>>(),
+        "texels_per_metre": plan.atlas().texels_per_metre,
+        "charts": plan.atlas().charts,
+        "utilisation": plan.atlas().utilisation,
+        "covered_texels": cost.covered,
+        "paths": cost.covered * u64::from(plan.settings().samples),
+        "memory": memory,
+        "peak_memory_bytes": memory.peak(),
+        "sampling_seconds": cost.seconds,
+    })
+}
+
+fn print(plan: &Plan, cost: &Cost, explain: bool, units: &str, lights: &str) {
+    println!("what the scene contains");
+    for e in plan.effects() {
+        println!("  {} {:<28} {}", if e.runs { "runs" } else { "off " }, e.name, e.why);
+    }
+    if !lights.is_empty() {
+        print!("lights, read as {units}\n{lights}");
+    }
+    let atlas = plan.atlas();
+    println!("texels");
+    println!(
+        "  {} covered, {:.3} per metre, {} charts, {} page(s), {:.0} % used",
+        cost.covered,
+        atlas.texels_per_metre,
+        atlas.charts,
+        atlas.pages.len(),
+        100.0 * atlas.utilisation
+    );
+    if explain {
+        println!("settings");
+        for (name, value) in plan.settings().to_map() {
+            println!("  {name:<28} {value}");
+        }
+        let m = plan.memory();
+        println!("memory");
+        for (what, n) in [
+            ("program", m.program),
+            ("scene", m.scene),
+            ("rays", m.tracing),
+            ("atlas", m.atlas),
+            ("gathering a page", m.gather),
+            ("writing a page", m.write),
+        ] {
+            println!("  {what:<28} {}", say::bytes(n));
+        }
+    }
+    println!("cost");
+    println!("  memory {} at the peak", say::bytes(plan.memory().peak()));
+    println!(
+        "  {} paths, about {} of sampling here",
+        cost.covered * u64::from(plan.settings().samples),
+        say::duration(cost.seconds)
+    );
+}

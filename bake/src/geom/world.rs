@@ -1,0 +1,263 @@
+//! All triangles of a scene in one list, in world space.
+
+use crate::geom::ray::offset_distance;
+use crate::scene::model::{Rgb, Scene};
+use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A};
+
+/// The scene's triangles, placed.
+///
+/// Coordinates are relative to [`World::origin`], the centre of the scene's bounds: a scene that
+/// lies 100 km from its origin keeps its precision if its nodes carry the distance.
+#[derive(Clone, Debug, Default)]
+pub struct World {
+    /// What was subtracted from every position, metres.
+    pub origin: Vec3,
+    /// Corners of every triangle of every surface, in the order of the surfaces.
+    pub triangles: Vec<[Vec3; 3]>,
+    /// Which surface a triangle belongs to.
+    pub surface: Vec<u32>,
+    /// Index of each surface's first triangle; one entry more than there are surfaces.
+    pub first_triangle: Vec<u32>,
+    /// Inverse transpose of each surface's linear part, for normals.
+    normal_matrix: Vec<Mat3A>,
+    /// Whether a surface's transform mirrors, which turns front and back around.
+    mirrored: Vec<bool>,
+    /// Half the largest extent of the bounds, metres.
+    pub radius: f32,
+}
+
+/// A point on a triangle with what shading needs.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfacePoint {
+    /// Position, metres, relative to [`World::origin`].
+    pub position: Vec3A,
+    /// Unit normal of the triangle's plane on its front side.
+    pub geometric_normal: Vec3A,
+    /// Unit interpolated normal on the same side, or the geometric one where the file has none.
+    pub shading_normal: Vec3A,
+    /// Distance that rays have to start off the plane, metres.
+    pub offset: f32,
+}
+
+impl World {
+    /// Places every surface's triangles.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "the loader admits fewer than 2^32 triangles")]
+    pub fn new(scene: &Scene) -> Self {
+        let origin = centre(scene);
+        let mut world = Self { origin, first_triangle: vec![0], ..Self::default() };
+        for (i, s) in scene.surfaces.iter().enumerate() {
+            let mesh = &scene.meshes[s.mesh];
+            let placed = Affine3A {
+                matrix3: s.world_from_mesh.matrix3,
+                translation: s.world_from_mesh.translation - Vec3A::from(origin),
+            };
+            let mirrored = placed.matrix3.determinant() < 0.0;
+            let place = |i: u32| placed.transform_point3(mesh.positions[i as usize]);
+            for t in &mesh.triangles {
+                world.triangles.push(t.map(place));
+                world.surface.push(i as u32);
+            }
+            world.first_triangle.push(world.triangles.len() as u32);
+            world.normal_matrix.push(cofactors(placed.matrix3));
+            world.mirrored.push(mirrored);
+        }
+        let extent = world.triangles.iter().flatten().fold(Vec3::ZERO, |m, v| m.max(v.abs()));
+        world.radius = extent.max_element();
+        world
+    }
+
+    /// The surface and the triangle's index within its mesh.
+    #[must_use]
+    pub fn locate(&self, triangle: u32) -> (usize, usize) {
+        let surface = self.surface[triangle as usize] as usize;
+        (surface, (triangle - self.first_triangle[surface]) as usize)
+    }
+
+    /// Unit normal of the front side (counter-clockwise, or clockwise in mirrored nodes as glTF
+    /// asks); zero for a triangle without area.
+    #[must_use]
+    pub fn geometric_normal(&self, triangle: u32) -> Vec3A {
+        let [a, b, c] = self.triangles[triangle as usize].map(Vec3A::from);
+        // Scaling by the longest edge keeps the product in range for millimetres and for 100 km.
+        let (u, v) = (b - a, c - a);
+        let s = u.abs().max_element().max(v.abs().max_element());
+        let n = (u / s).cross(v / s).normalize_or_zero();
+        if self.mirrored[self.surface[triangle as usize] as usize] { -n } else { n }
+    }
+
+    /// Everything about the point with the given barycentric weights.
+    #[must_use]
+    pub fn point(&self, scene: &Scene, triangle: u32, bary: [f32; 3]) -> SurfacePoint {
+        let corners = self.triangles[triangle as usize].map(Vec3A::from);
+        let position = corners[0] * bary[0] + corners[1] * bary[1] + corners[2] * bary[2];
+        let magnitude = corners[0].abs().max(corners[1].abs()).max(corners[2].abs()).max_element();
+        let geometric_normal = self.geometric_normal(triangle);
+        SurfacePoint {
+            position,
+            geometric_normal,
+            shading_normal: self.shading_normal(scene, triangle, bary, geometric_normal),
+            offset: offset_distance(magnitude),
+        }
+    }
+
+    fn shading_normal(&self, scene: &Scene, triangle: u32, bary: [f32; 3], geometric: Vec3A) -> Vec3A {
+        let (surface, local) = self.locate(triangle);
+        let mesh = &scene.meshes[scene.surfaces[surface].mesh];
+        if mesh.normals.is_empty() {
+            return geometric;
+        }
+        let [a, b, c] = mesh.triangles[local].map(|i| Vec3A::from(mesh.normals[i as usize]));
+        let n = self.normal_matrix[surface] * (a * bary[0] + b * bary[1] + c * bary[2]);
+        let n = n.normalize_or_zero();
+        // Normals that contradict the winding are the file's mistake; the winding decides.
+        if n.dot(geometric) <= 0.0 { geometric } else { n }
+    }
+
+    /// Lifts a point of a smooth surface off its facets onto the surface they stand for.
+    ///
+    /// A facet's point, shaded with the smooth normal, would see the neighbouring facets as a
+    /// jagged horizon. Hanika, "Hacking the Shadow Terminator", Ray Tracing Gems II, chapter 4:
+    /// the point is moved towards where the tangent planes of the corners put it. We go half the way,
+    /// which is exact on quadrics; the chapter goes all of it. Concave places keep their position,
+    /// flat ones too.
+    #[must_use]
+    pub fn lifted(&self, scene: &Scene, triangle: u32, bary: [f32; 3], at: &SurfacePoint) -> Vec3A {
+        let (surface, local) = self.locate(triangle);
+        let mesh = &scene.meshes[scene.surfaces[surface].mesh];
+        if mesh.normals.is_empty() {
+            return at.position;
+        }
+        let corners = self.triangles[triangle as usize].map(Vec3A::from);
+        let mut lift = Vec3A::ZERO;
+        for k in 0..3 {
+            let n = Vec3A::from(mesh.normals[mesh.triangles[local][k] as usize]);
+            let n = (self.normal_matrix[surface] * n).normalize_or_zero();
+            // Distance below the corner's tangent plane; only outward moves.
+            let below = (at.position - corners[k]).dot(n).min(0.0);
+            lift -= n * (0.5 * below * bary[k]);
+        }
+        at.position + lift
+    }
+
+    /// Interpolated texture coordinates of set `set`, or zero where the mesh lacks it.
+    #[must_use]
+    pub fn uv(&self, scene: &Scene, surface: usize, local: usize, bary: [f32; 3], set: usize) -> Vec2 {
+        let mesh = &scene.meshes[scene.surfaces[surface].mesh];
+        match mesh.uvs.get(set) {
+            Some(uvs) if !uvs.is_empty() => {
+                let [a, b, c] = mesh.triangles[local].map(|i| uvs[i as usize]);
+                a * bary[0] + b * bary[1] + c * bary[2]
+            }
+            _ => Vec2::ZERO,
+        }
+    }
+
+    /// Area of a triangle, square metres.
+    #[must_use]
+    pub fn area(&self, triangle: u32) -> f32 {
+        let [a, b, c] = self.triangles[triangle as usize];
+        0.5 * (b - a).cross(c - a).length()
+    }
+}
+
+/// Matrix of cofactors: transforms normals, also for singular and mirroring matrices (where its
+/// sign makes normals follow the front side).
+fn cofactors(m: Mat3A) -> Mat3A {
+    let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
+    let c = Mat3A::from_cols(y.cross(z), z.cross(x), x.cross(y));
+    // Cofactors flip normals under mirroring like the winding does; the front side of a mirrored
+    // node is the one its normals point to, so the flip is taken back.
+    if m.determinant() < 0.0 { c * -1.0 } else { c }
+}
+
+/// Centre of the bounds of everything placed, or zero for an empty or unbounded scene.
+fn centre(scene: &Scene) -> Vec3 {
+    let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    for s in &scene.surfaces {
+        for &p in &scene.meshes[s.mesh].positions {
+            let p = s.world_from_mesh.transform_point3(p);
+            lo = lo.min(p);
+            hi = hi.max(p);
+        }
+    }
+    let c = 0.5 * (lo + hi);
+    if c.is_finite() { c } else { Vec3::ZERO }
+}
+
+/// Rec. 709 luminance of a linear colour, in the colour's own unit.
+#[must_use]
+pub fn luminance(c: Rgb) -> f32 {
+    c.dot(Vec3::new(0.2126, 0.7152, 0.0722))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::model::{LightmapMode, Material, Mesh, Surface};
+
+    fn scene(world_from_mesh: Affine3A) -> Scene {
+        Scene {
+            meshes: vec![Mesh {
+                positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
+                normals: vec![Vec3::Z; 3],
+                triangles: vec![[0, 1, 2]],
+                ..Mesh::default()
+            }],
+            materials: vec![Material::default()],
+            surfaces: vec![Surface {
+                path: String::new(),
+                node: 0,
+                gpu_instance: None,
+                mesh: 0,
+                material: 0,
+                world_from_mesh,
+                lightmap: LightmapMode::On,
+                casts_shadow: true,
+                texels_per_metre: None,
+            }],
+            ..Scene::default()
+        }
+    }
+
+    /// In a mirrored node the front side is where the transformed normal points, as glTF asks.
+    #[test]
+    fn normals_agree_under_every_transform() {
+        for m in [
+            Affine3A::IDENTITY,
+            Affine3A::from_scale(Vec3::new(-1.0, 1.0, 1.0)),
+            Affine3A::from_scale(Vec3::new(2.0, 0.5, -3.0)),
+            Affine3A::from_rotation_x(1.0) * Affine3A::from_scale(Vec3::new(1.0, -4.0, 1.0)),
+        ] {
+            let scene = scene(m);
+            let w = World::new(&scene);
+            let want = m.transform_vector3(Vec3::Z).normalize();
+            let p = w.point(&scene, 0, [0.2, 0.3, 0.5]);
+            assert!((Vec3::from(p.geometric_normal) - want).length() < 1e-5, "{m:?} {p:?}");
+            assert!((Vec3::from(p.shading_normal) - want).length() < 1e-5, "{m:?} {p:?}");
+        }
+    }
+
+    #[test]
+    fn far_away_scenes_keep_their_shape() {
+        let scene = scene(Affine3A::from_translation(Vec3::splat(1e5)));
+        let w = World::new(&scene);
+        assert!(w.radius <= 0.51, "{}", w.radius);
+        assert!((w.area(0) - 0.5).abs() < 1e-6);
+    }
+
+    /// On a facet of a sphere with smooth normals the lifted midpoint lies near the sphere.
+    #[test]
+    fn lifting_follows_the_curve() {
+        let mut scene = scene(Affine3A::IDENTITY);
+        let dirs = [Vec3::X, Vec3::new(1.0, 0.3, 0.0).normalize(), Vec3::new(1.0, 0.0, 0.3).normalize()];
+        scene.meshes[0].positions = dirs.to_vec();
+        scene.meshes[0].normals = dirs.to_vec();
+        let w = World::new(&scene);
+        let b = [1.0 / 3.0; 3];
+        let p = w.point(&scene, 0, b);
+        let r = |x: Vec3A| (Vec3::from(x) + w.origin).length();
+        let (flat, lifted) = (r(p.position), r(w.lifted(&scene, 0, b, &p)));
+        assert!(flat < 0.995 && (lifted - 1.0).abs() < 0.5 * (1.0 - flat), "{flat} {lifted}");
+    }
+}

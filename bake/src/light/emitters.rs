@@ -1,0 +1,221 @@
+//! Emissive triangles.
+
+use crate::geom::World;
+use crate::geom::world::luminance;
+use crate::sample::discrete::Cdf;
+use crate::sample::warp::square_to_triangle;
+use crate::scene::model::Scene;
+use glam::Vec3A;
+
+/// Up to this many triangles each is weighed at the shading point; above it they are chosen by
+/// power alone.
+const WEIGHED: usize = 32;
+
+/// The emissive triangles of a scene and how one of them is chosen.
+#[derive(Clone, Debug, Default)]
+pub struct Emitters {
+    list: Vec<Emitter>,
+    by_power: Option<Cdf>,
+    /// Index into `list` for each world triangle, `u32::MAX` where it does not emit; empty if none does.
+    of_triangle: Vec<u32>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Emitter {
+    triangle: u32,
+    corners: [Vec3A; 3],
+    centre: Vec3A,
+    normal: Vec3A,
+    area: f32,
+    /// Largest squared distance of a corner from the centre.
+    extent2: f32,
+    /// Mean luminance, nits.
+    luminance: f32,
+    both_sides: bool,
+}
+
+/// A point chosen on an emissive triangle.
+#[derive(Clone, Copy, Debug)]
+pub struct EmitterSample {
+    /// World triangle.
+    pub triangle: u32,
+    /// Barycentric weights.
+    pub bary: [f32; 3],
+    /// Unit direction towards it.
+    pub wi: Vec3A,
+    /// Distance, metres.
+    pub distance: f32,
+    /// Density per steradian, choice of the triangle included.
+    pub pdf_solid_angle: f32,
+}
+
+impl Emitters {
+    /// Finds the emissive triangles among those that rays can hit.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "the loader admits fewer than 2^32 triangles")]
+    pub fn new(scene: &Scene, world: &World) -> Self {
+        let mut list = Vec::new();
+        for (i, s) in scene.surfaces.iter().enumerate() {
+            let m = &scene.materials[s.material];
+            if m.emission.max_element() <= 0.0 || !s.casts_shadow || m.unlit {
+                continue;
+            }
+            for triangle in world.first_triangle[i]..world.first_triangle[i + 1] {
+                list.extend(Emitter::new(scene, world, triangle, m.double_sided));
+            }
+        }
+        let by_power = Cdf::new(list.iter().map(|e| f64::from(e.power())));
+        if by_power.is_none() {
+            return Self::default();
+        }
+        let mut of_triangle = vec![u32::MAX; world.triangles.len()];
+        for (k, e) in list.iter().enumerate() {
+            of_triangle[e.triangle as usize] = k as u32;
+        }
+        Self { list, by_power, of_triangle }
+    }
+
+    /// Whether nothing emits.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.list.is_empty()
+    }
+
+    /// Number of emissive triangles.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.list.len()
+    }
+
+    /// Chooses a point on an emissive triangle to light `p`, whose normal is `n`.
+    #[must_use]
+    pub fn sample(&self, p: Vec3A, n: Vec3A, u: f32, v: [f32; 2]) -> Option<EmitterSample> {
+        let (k, probability) = self.choose(p, n, u)?;
+        let e = &self.list[k];
+        let bary = square_to_triangle(v);
+        let x = e.corners[0] * bary[0] + e.corners[1] * bary[1] + e.corners[2] * bary[2];
+        let d = x - p;
+        let distance = d.length();
+        let wi = d / distance;
+        let pdf_solid_angle = probability * e.solid_angle_density(wi, distance);
+        if !wi.is_finite() || !pdf_solid_angle.is_finite() || pdf_solid_angle <= 0.0 {
+            return None;
+        }
+        Some(EmitterSample { triangle: e.triangle, bary, wi, distance, pdf_solid_angle })
+    }
+
+    /// Density per steradian with which [`Emitters::sample`] would have chosen a point of
+    /// `triangle` that is seen from `p` in direction `wi` at `distance`. 0 if it does not emit.
+    #[must_use]
+    pub fn pdf(&self, p: Vec3A, n: Vec3A, triangle: u32, wi: Vec3A, distance: f32) -> f32 {
+        let Some(&k) = self.of_triangle.get(triangle as usize) else { return 0.0 };
+        if k == u32::MAX {
+            return 0.0;
+        }
+        let e = &self.list[k as usize];
+        let probability = match &self.by_power {
+            Some(cdf) if WEIGHED < self.list.len() => cdf.pdf(k as usize),
+            _ => {
+                let total: f32 = self.list.iter().map(|e| e.importance(p, n)).sum();
+                if 0.0 < total { e.importance(p, n) / total } else { 0.0 }
+            }
+        };
+        let density = probability * e.solid_angle_density(wi, distance);
+        if density.is_finite() { density } else { f32::MAX }
+    }
+
+    fn choose(&self, p: Vec3A, n: Vec3A, u: f32) -> Option<(usize, f32)> {
+        let by_power = self.by_power.as_ref()?;
+        if WEIGHED < self.list.len() {
+            let (k, _) = by_power.sample(u);
+            return Some((k, by_power.pdf(k)));
+        }
+        let mut weights = [0.0f32; WEIGHED];
+        let mut total = 0.0;
+        for (w, e) in weights.iter_mut().zip(&self.list) {
+            *w = e.importance(p, n);
+            total += *w;
+        }
+        if !(0.0 < total && total.is_finite()) {
+            return None;
+        }
+        let mut rest = u * total;
+        let mut last = None;
+        for (k, &w) in weights[..self.list.len()].iter().enumerate() {
+            if 0.0 < w {
+                last = Some((k, w / total));
+                if rest < w {
+                    break;
+                }
+                rest -= w;
+            }
+        }
+        last
+    }
+}
+
+impl Emitter {
+    fn new(scene: &Scene, world: &World, triangle: u32, both_sides: bool) -> Option<Self> {
+        let corners = world.triangles[triangle as usize].map(Vec3A::from);
+        let normal = world.geometric_normal(triangle);
+        let area = world.area(triangle);
+        if normal == Vec3A::ZERO || !(0.0 < area && area.is_finite()) {
+            return None;
+        }
+        let centre = (corners[0] + corners[1] + corners[2]) / 3.0;
+        let extent2 = corners.iter().map(|c| (*c - centre).length_squared()).fold(0.0, f32::max);
+        let luminance = mean_luminance(scene, world, triangle);
+        Some(Self { triangle, corners, centre, normal, area, extent2, luminance, both_sides })
+    }
+
+    fn power(&self) -> f32 {
+        self.area * self.luminance * if self.both_sides { 2.0 } else { 1.0 }
+    }
+
+    fn solid_angle_density(&self, wi: Vec3A, distance: f32) -> f32 {
+        let cos = -wi.dot(self.normal);
+        let cos = if self.both_sides { cos.abs() } else { cos };
+        if cos <= 0.0 { 0.0 } else { distance * distance / (self.area * cos) }
+    }
+
+    /// Rough share of the light at `p`: zero only where the triangle lies wholly behind the
+    /// receiver or the receiver behind it.
+    fn importance(&self, p: Vec3A, n: Vec3A) -> f32 {
+        let above = self.corners.iter().any(|c| 0.0 < (*c - p).dot(n));
+        let side = (p - self.centre).dot(self.normal);
+        if !above || (!self.both_sides && side <= 0.0) {
+            return 0.0;
+        }
+        let d = self.centre - p;
+        let d2 = d.length_squared();
+        // Close to the triangle its centre says little; there only its size counts.
+        if d2 <= 4.0 * self.extent2 {
+            return self.luminance * self.area / self.extent2.max(d2);
+        }
+        let inv = 1.0 / d2.sqrt();
+        let receiver = (d.dot(n) * inv).max(0.05);
+        let emitter = (side.abs() * inv).max(0.05);
+        self.luminance * self.area * receiver * emitter / d2
+    }
+}
+
+/// Mean emitted luminance over the triangle, by a grid of points that follows the texture's
+/// resolution. A dark texture keeps a small share of its factor: a bright texel between the
+/// points must not have probability zero.
+fn mean_luminance(scene: &Scene, world: &World, triangle: u32) -> f32 {
+    let (surface, _) = world.locate(triangle);
+    let m = &scene.materials[scene.surfaces[surface].material];
+    let factor = luminance(m.emission);
+    if m.emission_texture.is_none() {
+        return factor;
+    }
+    let n = 8u16;
+    let mut sum = 0.0;
+    for i in 0..n {
+        for j in 0..n {
+            let u = [(f32::from(i) + 0.5) / f32::from(n), (f32::from(j) + 0.5) / f32::from(n)];
+            sum += luminance(world.shade(scene, triangle, square_to_triangle(u)).emission);
+        }
+    }
+    (sum / f32::from(n * n)).max(1e-3 * factor)
+}

@@ -1,0 +1,177 @@
+//! Point, spot and directional lights: `KHR_lights_punctual`.
+
+use crate::geom::world::luminance;
+use crate::sample::warp::{Frame, square_to_cone};
+use crate::scene::model::{LightKind, LightMode, Rgb};
+use glam::{Vec3, Vec3A};
+
+/// A point or spot light.
+#[derive(Clone, Copy, Debug)]
+pub struct Punctual {
+    position: Vec3A,
+    /// Candela on the axis.
+    intensity: Rgb,
+    range: Option<f32>,
+    /// Axis, and the scale and offset of the extension's angular attenuation.
+    cone: Option<(Vec3A, f32, f32)>,
+    /// Direct light is left to the game.
+    pub indirect_only: bool,
+}
+
+/// Light arriving at a point from one direction.
+#[derive(Clone, Copy, Debug)]
+pub struct Incident {
+    /// Unit direction towards the light.
+    pub wi: Vec3A,
+    /// How far the light is, metres.
+    pub distance: f32,
+    /// Illuminance on a surface that faces the light, lux.
+    pub illuminance: Rgb,
+}
+
+impl Punctual {
+    /// From a point or spot light; `None` for a directional one.
+    #[must_use]
+    pub fn new(kind: LightKind, mode: LightMode, origin: Vec3) -> Option<Self> {
+        let indirect_only = mode == LightMode::Mixed;
+        let at = |p: Vec3| Vec3A::from(p - origin);
+        match kind {
+            LightKind::Point { position, intensity, range } => {
+                Some(Self { position: at(position), intensity, range, cone: None, indirect_only })
+            }
+            LightKind::Spot { position, direction, intensity, range, inner_cone, outer_cone } => {
+                let scale = 1.0 / (inner_cone.cos() - outer_cone.cos()).max(0.001);
+                let offset = -outer_cone.cos() * scale;
+                let cone = Some((Vec3A::from(direction), scale, offset));
+                Some(Self { position: at(position), intensity, range, cone, indirect_only })
+            }
+            LightKind::Directional { .. } => None,
+        }
+    }
+
+    /// What arrives at `p` where nothing is in between; `None` outside the cone and the range, and at
+    /// the light itself, where the illuminance has no value.
+    #[must_use]
+    pub fn incident(&self, p: Vec3A) -> Option<Incident> {
+        let d = self.position - p;
+        let distance = d.length();
+        let wi = d / distance;
+        if !wi.is_finite() {
+            return None;
+        }
+        let mut scale = 1.0 / (distance * distance);
+        if let Some(range) = self.range {
+            // The window that the extension recommends.
+            let q = distance / range;
+            scale *= (1.0 - q * q * q * q).clamp(0.0, 1.0);
+        }
+        if let Some((axis, s, o)) = self.cone {
+            let a = (-wi.dot(axis) * s + o).clamp(0.0, 1.0);
+            scale *= a * a;
+        }
+        let illuminance = self.intensity * scale;
+        if illuminance == Vec3::ZERO || !illuminance.is_finite() {
+            return None;
+        }
+        Some(Incident { wi, distance, illuminance })
+    }
+
+    /// Luminance of what would reach a surface with normal `n` at `p` unshadowed; the weight by
+    /// which one of several lights is chosen. Zero only where the light contributes nothing.
+    #[must_use]
+    pub fn importance(&self, p: Vec3A, n: Vec3A) -> f32 {
+        self.incident(p).map_or(0.0, |i| luminance(i.illuminance) * i.wi.dot(n).max(0.0))
+    }
+}
+
+/// A directional light, which may have the size of a disc on the sky.
+#[derive(Clone, Copy, Debug)]
+pub struct Sun {
+    frame: Frame,
+    /// Lux on a surface that faces it.
+    illuminance: Rgb,
+    /// `1 - cos` of the disc's half angle.
+    one_minus_cos: f32,
+    /// Direct light is left to the game.
+    pub indirect_only: bool,
+}
+
+impl Sun {
+    /// `direction` is what the light travels along, `angular_diameter` in radians.
+    #[must_use]
+    pub fn new(direction: Vec3, illuminance: Rgb, angular_diameter: f32, mode: LightMode) -> Self {
+        let s = (0.25 * angular_diameter).sin();
+        Self {
+            frame: Frame::new(-Vec3A::from(direction)),
+            illuminance,
+            one_minus_cos: 2.0 * s * s,
+            indirect_only: mode == LightMode::Mixed,
+        }
+    }
+
+    /// Light from one point of the disc, chosen uniformly by solid angle.
+    #[must_use]
+    pub fn sample(&self, u: [f32; 2]) -> Incident {
+        let wi = if self.one_minus_cos == 0.0 {
+            self.frame.z
+        } else {
+            self.frame.to_world(square_to_cone(u, self.one_minus_cos))
+        };
+        Incident { wi, distance: f32::INFINITY, illuminance: self.illuminance }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inverse_square_window_and_cone() {
+        let point = |range| {
+            Punctual::new(
+                LightKind::Point { position: Vec3::Y * 2.0, intensity: Vec3::splat(8.0), range },
+                LightMode::Baked,
+                Vec3::ZERO,
+            )
+            .expect("a point light")
+        };
+        let e = point(None).incident(Vec3A::ZERO).expect("lit");
+        assert_eq!((e.illuminance.x, e.distance, e.wi), (2.0, 2.0, Vec3A::Y));
+        let windowed = point(Some(4.0)).incident(Vec3A::ZERO).expect("lit");
+        assert_eq!(windowed.illuminance.x, 2.0 * (1.0 - 1.0 / 16.0));
+        assert!(point(Some(2.0)).incident(Vec3A::ZERO).is_none());
+        assert!(point(None).incident(Vec3A::Y * 2.0).is_none(), "on the light itself");
+
+        let spot = |inner: f32, outer: f32| {
+            let kind = LightKind::Spot {
+                position: Vec3::Y,
+                direction: Vec3::NEG_Y,
+                intensity: Vec3::ONE,
+                range: None,
+                inner_cone: inner,
+                outer_cone: outer,
+            };
+            Punctual::new(kind, LightMode::Baked, Vec3::ZERO).expect("a spot light")
+        };
+        assert_eq!(spot(0.2, 0.6).incident(Vec3A::ZERO).expect("lit").illuminance.x, 1.0);
+        assert!(spot(0.2, 0.6).incident(Vec3A::X).is_none());
+        let s = spot(0.0, std::f32::consts::FRAC_PI_4).incident(Vec3A::new(0.4, 0.0, 0.0)).expect("lit");
+        let cos = 1.0 / (1.0f32 + 0.16).sqrt();
+        let a = (cos - 0.5f32.sqrt()) / (1.0 - 0.5f32.sqrt());
+        assert!((s.illuminance.x - a * a / 1.16).abs() < 1e-5);
+        assert!(spot(0.5, 0.5).incident(Vec3A::ZERO).is_some_and(|e| e.illuminance.is_finite()));
+    }
+
+    #[test]
+    fn a_sun_stays_on_its_disc() {
+        let diameter = 0.00925f32;
+        let sun = Sun::new(Vec3::new(0.0, -1.0, 0.0), Vec3::ONE, diameter, LightMode::Baked);
+        let mut widest = 0.0f32;
+        for i in 0..1000u16 {
+            let u = [f32::from(i % 40) / 40.0, f32::from(i / 40) / 25.0];
+            let wi = sun.sample(u).wi;
+            widest = widest.max(wi.cross(Vec3A::Y).length());
+        }
+        assert!(widest <= diameter / 2.0 * 1.001 && diameter / 2.0 * 0.95 < widest, "{widest}");
+    }
+}

@@ -1,0 +1,78 @@
+//! Puts solved texels into a page: validity, fill, gutter.
+
+use crate::geom::texel::TexelMap;
+use crate::output::dilate::{self, Filled, NO_CHART};
+use crate::output::page::Page;
+use crate::plan::Plan;
+use crate::solve::lightmap::{Solution, Validity};
+
+/// Rings around valid texels within which a texel that seems to lie inside a double-sided body is
+/// filled from them. Bicubic filters reach two texels; deeper ones keep their black, because a room
+/// without light looks the same from inside.
+const ENCLOSED_RINGS: usize = 2;
+
+/// A page from its solution: every covered texel has its value, hidden ones are filled from their
+/// chart, and charts continue outwards by the plan's padding.
+#[must_use]
+pub fn page(plan: &Plan, map: &TexelMap, solution: Solution) -> (Page, Filled) {
+    let (width, height) = (map.width as usize, map.height as usize);
+    let mut page = Page::new(width, height);
+    let split = plan.settings().split_direct;
+    if split {
+        page.direct = Some(vec![[0.0; 3]; width * height]);
+        page.indirect = Some(vec![[0.0; 3]; width * height]);
+    }
+    let mut charts = vec![NO_CHART; width * height];
+    let mut validity = vec![Validity::Valid; width * height];
+    for (index, texel) in solution.texels.iter().enumerate() {
+        let at = map.texels[index] as usize;
+        page.radiance[at] = (texel.direct + texel.indirect).to_array();
+        page.coverage[at] = texel.coverage;
+        page.std_err[at] = texel.std_err.to_array();
+        if let (Some(d), Some(i)) = (&mut page.direct, &mut page.indirect) {
+            d[at] = texel.direct.to_array();
+            i[at] = texel.indirect.to_array();
+        }
+        charts[at] = map.triangles_of(index).first().map_or(NO_CHART, |&t| map.chart(plan.atlas(), t));
+        validity[at] = texel.validity;
+    }
+    drop(solution);
+    let near = near_valid(&validity, &charts, width, height);
+    let valid: Vec<bool> = validity
+        .iter()
+        .zip(&near)
+        .map(|(v, near)| match v {
+            Validity::Valid => true,
+            Validity::Hidden => false,
+            Validity::Enclosed => !near,
+        })
+        .collect();
+    drop((validity, near));
+    let filled = dilate::fill_invalid(&mut page, &charts, &valid);
+    dilate::fill_gutter(&mut page, &charts, plan.settings().padding);
+    (page, filled)
+}
+
+/// Which texels have a valid texel of their chart within [`ENCLOSED_RINGS`].
+fn near_valid(validity: &[Validity], charts: &[u32], width: usize, height: usize) -> Vec<bool> {
+    let mut near = vec![false; validity.len()];
+    if !validity.contains(&Validity::Enclosed) {
+        return near;
+    }
+    for y in 0..height {
+        for x in 0..width {
+            let at = y * width + x;
+            if charts[at] == NO_CHART || validity[at] != Validity::Enclosed {
+                continue;
+            }
+            let span = |c: usize, n: usize| c.saturating_sub(ENCLOSED_RINGS)..(c + ENCLOSED_RINGS + 1).min(n);
+            near[at] = span(y, height).any(|v| {
+                span(x, width).any(|u| {
+                    let j = v * width + u;
+                    charts[j] == charts[at] && validity[j] == Validity::Valid
+                })
+            });
+        }
+    }
+    near
+}

@@ -1,0 +1,182 @@
+//! Fills the manifest.
+
+use crate::error::Finding;
+use crate::geom::atlas::Unwrap;
+use crate::output::dilate::Filled;
+use crate::output::page::PageStats;
+use crate::plan::Plan;
+use crate::scene::document::InputFile;
+use crate::scene::model::{LightKind, LightMode, Sky};
+use crate::solve::accumulate::Gate;
+use tables::format::manifest::{self, Counts, Input, Manifest, Rect, Samples};
+
+/// File of page `n`.
+#[must_use]
+pub fn page_file(n: usize) -> String {
+    format!("lightmap-{n}.exr")
+}
+
+/// Tone-mapped picture of page `n`.
+#[must_use]
+pub fn preview_file(n: usize) -> String {
+    format!("lightmap-{n}.png")
+}
+
+/// Picture of the relative standard error of page `n`.
+#[must_use]
+pub fn error_file(n: usize) -> String {
+    format!("lightmap-{n}.stderr.png")
+}
+
+/// What the manifest says of one page.
+#[derive(Clone, Copy, Debug)]
+pub struct PageFigures {
+    /// Sums over its texels.
+    pub stats: PageStats,
+    /// What was filled.
+    pub filled: Filled,
+}
+
+/// The manifest of a finished bake; the files themselves are listed by the folder.
+#[must_use]
+pub fn manifest(plan: &Plan, inputs: &[InputFile], pages: &[PageFigures], gate: &Gate) -> Manifest {
+    let total = pages.iter().fold(PageStats::default(), |s, p| s.merge(p.stats));
+    let n = u64::from(plan.settings().samples);
+    let mut m = Manifest::new("bake", env!("CARGO_PKG_VERSION"));
+    m.seed = plan.settings().seed;
+    m.inputs = inputs.iter().map(input).collect();
+    m.settings = plan.settings().to_map();
+    m.pages = pages.iter().enumerate().map(|(i, p)| page(plan, i, p)).collect();
+    m.surfaces = surfaces(plan);
+    m.lights = lights(plan);
+    m.sky = sky(&plan.scene().sky, inputs);
+    m.findings = plan.findings().iter().map(finding).collect();
+    m.samples = Samples { total: total.covered * n, min: n, mean: n as f64, max: n };
+    m.error = total.error();
+    m.counts = Counts {
+        rejected_samples: gate.rejected,
+        half_overflows: 0,
+        filled_texels: pages.iter().map(|p| p.filled.filled).sum(),
+        black_charts: pages.iter().map(|p| p.filled.black_charts).sum(),
+    };
+    m
+}
+
+fn page(plan: &Plan, number: usize, figures: &PageFigures) -> manifest::Page {
+    let size = plan.atlas().pages[number];
+    manifest::Page {
+        file: page_file(number),
+        preview: Some(preview_file(number)),
+        texture: None,
+        width: size.width,
+        height: size.height,
+        texels_per_metre: plan.atlas().texels_per_metre,
+        covered_texels: figures.stats.covered,
+        mean_luminance: figures.stats.mean_luminance(),
+        error: figures.stats.error(),
+    }
+}
+
+fn surfaces(plan: &Plan) -> Vec<manifest::Surface> {
+    let (scene, atlas) = (plan.scene(), plan.atlas());
+    let mut list = Vec::new();
+    for (s, placement) in scene.surfaces.iter().zip(&atlas.placements) {
+        let Some(p) = placement else { continue };
+        let size = atlas.pages[p.page];
+        let rect = Rect { x: p.min[0], y: p.min[1], width: p.size[0], height: p.size[1] };
+        let (mesh, primitive) = scene.meshes[s.mesh].source;
+        list.push(manifest::Surface {
+            node: s.node,
+            path: s.path.clone(),
+            gpu_instance: s.gpu_instance,
+            mesh,
+            primitive,
+            page: p.page,
+            rect,
+            uv_rect: rect.to_uv(size.width, size.height),
+            texels_per_metre: p.texels_per_metre,
+            kept_uvs: atlas.layouts[p.layout].kept && plan.settings().unwrap != Unwrap::Always,
+        });
+    }
+    list
+}
+
+fn lights(plan: &Plan) -> Vec<manifest::Light> {
+    let scene = plan.scene();
+    let mode = |m| match m {
+        LightMode::Baked => manifest::LightMode::Baked,
+        LightMode::Mixed => manifest::LightMode::Mixed,
+        LightMode::Dynamic => manifest::LightMode::Dynamic,
+    };
+    let kind = |k: &LightKind| match k {
+        LightKind::Point { .. } => "point",
+        LightKind::Spot { .. } => "spot",
+        LightKind::Directional { .. } => "directional",
+    };
+    let mut list: Vec<manifest::Light> = scene
+        .lights
+        .iter()
+        .map(|l| manifest::Light { path: l.path.clone(), kind: kind(&l.kind).to_owned(), mode: mode(l.mode) })
+        .collect();
+    for s in &scene.surfaces {
+        let m = &scene.materials[s.material];
+        if 0.0 < m.emission.max_element() && s.casts_shadow && !m.unlit {
+            list.push(manifest::Light {
+                path: s.path.clone(),
+                kind: "emissive".to_owned(),
+                mode: manifest::LightMode::Baked,
+            });
+        }
+    }
+    list
+}
+
+fn sky(sky: &Sky, inputs: &[InputFile]) -> manifest::Sky {
+    match sky {
+        Sky::Black => manifest::Sky::Black,
+        Sky::Uniform(l) => manifest::Sky::Uniform { radiance: l.to_array() },
+        Sky::Gradient { zenith, horizon, ground } => manifest::Sky::Gradient {
+            zenith: zenith.to_array(),
+            horizon: horizon.to_array(),
+            ground: ground.to_array(),
+        },
+        Sky::Image { rotation, scale, .. } => {
+            let is_image = |f: &&InputFile| f.path.ends_with(".hdr") || f.path.ends_with(".exr");
+            manifest::Sky::Image {
+                path: inputs.iter().find(is_image).map_or_else(String::new, |f| f.path.clone()),
+                scale: *scale,
+                rotation: rotation.to_array(),
+            }
+        }
+    }
+}
+
+fn input(file: &InputFile) -> Input {
+    Input {
+        role: role(&file.path).to_owned(),
+        path: file.path.clone(),
+        blake3: file.blake3.clone(),
+        bytes: file.bytes,
+    }
+}
+
+/// What a file is, by its name: good enough for a reader, since the path stands beside it.
+fn role(path: &str) -> &'static str {
+    let extension = path.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();
+    match extension.as_str() {
+        "toml" => "config",
+        "hdr" | "exr" => "sky",
+        "bin" => "buffer",
+        "png" | "jpg" | "jpeg" | "webp" => "image",
+        _ => "scene",
+    }
+}
+
+fn finding(f: &Finding) -> manifest::Finding {
+    manifest::Finding {
+        severity: f.severity.to_string(),
+        path: f.path.clone(),
+        what: f.what.clone(),
+        fix: f.fix.clone(),
+    }
+}

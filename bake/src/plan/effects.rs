@@ -1,0 +1,75 @@
+//! What a scene contains, and what runs because of it.
+
+use crate::light::Lights;
+use crate::scene::model::{AlphaMode, LightMode, LightmapMode, Scene};
+use serde::Serialize;
+
+/// One effect that the baker knows.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Effect {
+    /// Name.
+    pub name: &'static str,
+    /// Whether something runs for it.
+    pub runs: bool,
+    /// What the scene has of it, and what follows.
+    pub why: String,
+}
+
+/// All effects, those that run and those that do not.
+#[must_use]
+pub fn list(scene: &Scene, lights: &Lights) -> Vec<Effect> {
+    let used = |f: &dyn Fn(&crate::scene::model::Material) -> bool| {
+        scene.surfaces.iter().filter(|s| f(&scene.materials[s.material])).count()
+    };
+    let dynamic = scene.lights.iter().filter(|l| l.mode == LightMode::Dynamic).count();
+    let mixed = scene.lights.iter().filter(|l| l.mode == LightMode::Mixed).count();
+    let emitters = lights.emitters.len();
+    let off = scene.surfaces.iter().filter(|s| s.lightmap != LightmapMode::On).count();
+    let masked = used(&|m| matches!(m.alpha_mode, AlphaMode::Mask(_)));
+    let see_through = used(&|m| m.alpha_mode == AlphaMode::Blend || 0.0 < m.transmission);
+    let unlit = used(&|m| m.unlit);
+    let count = |n: usize, what: &str| match n {
+        0 => format!("no {what}"),
+        1 => format!("1 {what}"),
+        n => format!("{n} {what}s"),
+    };
+    let effect = |name, runs, why| Effect { name, runs, why };
+    vec![
+        effect(
+            "point and spot lights",
+            !lights.punctual.is_empty(),
+            match lights.punctual.len() {
+                0..=4 => count(lights.punctual.len(), "light") + ", all sampled at every texel",
+                n => count(n, "light") + ", one chosen per path vertex by its unshadowed contribution",
+            },
+        ),
+        effect("suns", !lights.suns.is_empty(), count(lights.suns.len(), "directional light")),
+        effect(
+            "emissive surfaces",
+            0 < emitters,
+            count(emitters, "emissive triangle") + ", found by next-event estimation and by chance",
+        ),
+        effect(
+            "sky",
+            !lights.sky.is_black(),
+            if lights.sky.is_sampled() {
+                "an image, sampled by luminance".to_owned()
+            } else if lights.sky.is_black() {
+                "black".to_owned()
+            } else {
+                "smooth, found by the directions that surfaces sample".to_owned()
+            },
+        ),
+        effect("alpha masks", 0 < masked, count(masked, "surface") + " tested at every hit"),
+        effect(
+            "blending and transmission",
+            0 < see_through,
+            count(see_through, "surface") + " letting light straight through",
+        ),
+        effect("unlit surfaces", 0 < unlit, count(unlit, "surface") + " without texels"),
+        effect("surfaces without lightmap", 0 < off, count(off, "surface") + " lit at run time"),
+        effect("mixed lights", 0 < mixed, count(mixed, "light") + " of which only indirect light is baked"),
+        effect("dynamic lights", false, count(dynamic, "light") + " left to the game"),
+        effect("media", false, "surfaces only: --media off".to_owned()),
+    ]
+}

@@ -1,0 +1,119 @@
+//! Every knob of a bake with its resolved value.
+
+use crate::geom::atlas::{AtlasOptions, Density, Engine, Unwrap};
+use serde_json::{Map, Value, json};
+
+/// Presets of density and samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quality {
+    /// A first look.
+    Draft,
+    /// Good enough to work with.
+    Medium,
+    /// To ship.
+    High,
+}
+
+impl Quality {
+    /// All presets, cheapest first.
+    pub const ALL: [Self; 3] = [Self::Draft, Self::Medium, Self::High];
+
+    /// Paths per texel.
+    #[must_use]
+    pub const fn samples(self) -> u32 {
+        match self {
+            Self::Draft => 16,
+            Self::Medium => 64,
+            Self::High => 512,
+        }
+    }
+
+    /// Side of the one page that the scene is fitted onto where no density is given, texels.
+    #[must_use]
+    pub const fn page_size(self) -> u32 {
+        match self {
+            Self::Draft => 1024,
+            Self::Medium => 2048,
+            Self::High => 4096,
+        }
+    }
+
+    /// Name on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Draft => "draft",
+            Self::Medium => "medium",
+            Self::High => "high",
+        }
+    }
+}
+
+/// Resolved settings of a bake.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// The preset that the rest was taken from.
+    pub quality: Quality,
+    /// Paths per texel.
+    pub samples: u32,
+    /// Most reflections; `None`: Russian roulette ends paths.
+    pub bounces: Option<u32>,
+    /// Texels per metre; `None`: fitted onto one page of the preset's size.
+    pub texels_per_metre: Option<f32>,
+    /// Greatest side of a page, texels.
+    pub max_size: u32,
+    /// Empty texels around each chart.
+    pub padding: u32,
+    /// What happens to second texture coordinates of the file.
+    pub unwrap: Unwrap,
+    /// What flattens.
+    pub engine: Engine,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Whether direct and indirect light are also written apart.
+    pub split_direct: bool,
+}
+
+impl Settings {
+    pub(crate) fn atlas(&self) -> AtlasOptions {
+        let density = match self.texels_per_metre {
+            Some(d) => Density::Fixed(d),
+            None => Density::Fit { page_size: self.quality.page_size().min(self.max_size) },
+        };
+        AtlasOptions {
+            density,
+            max_size: self.max_size,
+            padding: self.padding,
+            unwrap: self.unwrap,
+            engine: self.engine,
+        }
+    }
+
+    /// Name and value of every setting, for the manifest and `bake plan`.
+    #[must_use]
+    pub fn to_map(&self) -> Map<String, Value> {
+        let unwrap = match self.unwrap {
+            Unwrap::Keep => "keep",
+            Unwrap::Auto => "auto",
+            Unwrap::Always => "always",
+        };
+        let engine = match self.engine {
+            Engine::Uvunwrap => "uvunwrap",
+            #[cfg(feature = "xatlas")]
+            Engine::Xatlas { .. } => "xatlas",
+        };
+        let pairs = [
+            ("quality", json!(self.quality.name())),
+            ("samples", json!(self.samples)),
+            ("bounces", json!(self.bounces)),
+            ("texels_per_metre", json!(self.texels_per_metre)),
+            ("max_size", json!(self.max_size)),
+            ("padding", json!(self.padding)),
+            ("unwrap", json!(unwrap)),
+            ("unwrap_engine", json!(engine)),
+            ("media", json!("off")),
+            ("split_direct", json!(self.split_direct)),
+        ];
+        pairs.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
+    }
+}

@@ -1,0 +1,128 @@
+//! Mean and standard error of stratified samples, and the gate that keeps out what is not a number.
+
+use crate::scene::model::Rgb;
+use glam::{DVec3, Vec3};
+
+/// Blocks into which samples are grouped for the standard error.
+///
+/// Consecutive runs of a scrambled Sobol sequence are stratified, so the samples inside a run are
+/// not independent and their plain variance overstates the error. The spread of the means of 16
+/// runs is nearer to it, and still an upper estimate: the runs are stratified against one another
+/// as well.
+const BLOCKS: usize = 16;
+
+/// Mean of `samples` and its standard error, per channel.
+///
+/// With fewer than two samples nothing is known about the error: it is stated as large as the mean.
+#[must_use]
+pub fn mean_and_error(samples: impl ExactSizeIterator<Item = Rgb> + Clone) -> (Rgb, Rgb) {
+    let n = samples.len();
+    if n == 0 {
+        return (Vec3::ZERO, Vec3::ZERO);
+    }
+    let total: DVec3 = samples.clone().map(|x| x.as_dvec3()).sum();
+    let mean = total / n as f64;
+    if n < 2 {
+        return (mean.as_vec3(), mean.abs().as_vec3());
+    }
+    let blocks = n.min(BLOCKS);
+    let mut squares = DVec3::ZERO;
+    let mut rest = samples;
+    for b in 0..blocks {
+        // Blocks differ by one sample at most; their weight is their share of the samples.
+        let size = (b + 1) * n / blocks - b * n / blocks;
+        let sum: DVec3 = rest.by_ref().take(size).map(|x| x.as_dvec3()).sum();
+        let deviation = sum - mean * size as f64;
+        squares += deviation * deviation;
+    }
+    let b = blocks as f64;
+    let error = (squares * (b / (b - 1.0))).map(f64::sqrt) / n as f64;
+    (mean.as_vec3(), error.as_vec3())
+}
+
+/// Where a sample that is not finite came from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rejected {
+    /// Page or 0 for points.
+    pub page: usize,
+    /// Texel index within the page, or number of the point.
+    pub texel: u32,
+    /// Number of the sample.
+    pub sample: u32,
+}
+
+/// Counts samples that are not finite, which are left out, and remembers the first one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Gate {
+    /// How many were rejected.
+    pub rejected: u64,
+    /// The first in the order of texels and samples.
+    pub first: Option<Rejected>,
+}
+
+impl Gate {
+    /// Lets a finite colour through and turns anything else into black, counted.
+    #[must_use]
+    pub fn admit(&mut self, colour: Rgb, at: Rejected) -> Rgb {
+        if colour.is_finite() {
+            return colour;
+        }
+        self.rejected += 1;
+        self.first.get_or_insert(at);
+        Vec3::ZERO
+    }
+
+    /// Both together; `self` came first.
+    #[must_use]
+    pub fn merge(self, o: Self) -> Self {
+        Self { rejected: self.rejected + o.rejected, first: self.first.or(o.first) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::{Sequence, sequence::key};
+
+    /// For independent samples the stated error is the true one: chi-square over 400 repetitions
+    /// of 64 uniform samples; the ratio of mean squares lies within 15 % (three sigma of 400 x 15
+    /// degrees of freedom is 8 %).
+    #[test]
+    fn error_of_independent_samples_is_honest() {
+        let (mut stated, mut true_error) = (0.0f64, 0.0f64);
+        for r in 0..400u64 {
+            let xs: Vec<Vec3> =
+                (0..64).map(|i| Vec3::splat(Sequence::new(key(r, 0, i), 0).next4()[0])).collect();
+            let (mean, error) = mean_and_error(xs.iter().copied());
+            stated += f64::from(error.x).powi(2);
+            true_error += (f64::from(mean.x) - 0.5).powi(2);
+        }
+        let want = 400.0 / 12.0 / 64.0;
+        assert!((stated / want - 1.0).abs() < 0.15, "{stated} {want}");
+        assert!((true_error / want - 1.0).abs() < 0.25, "{true_error} {want}");
+    }
+
+    #[test]
+    fn odd_counts_and_few_samples() {
+        for n in [1, 2, 3, 15, 17, 100] {
+            let xs: Vec<Vec3> = (0..n).map(|i| Vec3::splat(i as f32)).collect();
+            let (mean, error) = mean_and_error(xs.iter().copied());
+            assert_eq!(mean.x, (n - 1) as f32 / 2.0);
+            assert!(error.is_finite() && (n == 1 || 0.0 < error.x));
+        }
+        assert_eq!(
+            mean_and_error(std::iter::empty::<Vec3>().take(0).collect::<Vec<_>>().into_iter()).0,
+            Vec3::ZERO
+        );
+    }
+
+    #[test]
+    fn the_gate_counts_and_names() {
+        let mut g = Gate::default();
+        let at = |sample| Rejected { page: 1, texel: 7, sample };
+        assert_eq!(g.admit(Vec3::ONE, at(0)), Vec3::ONE);
+        assert_eq!(g.admit(Vec3::new(1.0, f32::NAN, 0.0), at(1)), Vec3::ZERO);
+        assert_eq!(g.admit(Vec3::splat(f32::INFINITY), at(2)), Vec3::ZERO);
+        assert_eq!(g, Gate { rejected: 2, first: Some(at(1)) });
+    }
+}

@@ -1,0 +1,140 @@
+//! Next-event estimation: light straight from the lights at one vertex.
+//!
+//! Lights fall in strata that are each sampled once: punctual lights, suns, emissive triangles and
+//! the sky. Candela and lux never meet in one distribution, so probabilities do not depend on the
+//! unit of length.
+
+use crate::geom::Ray;
+use crate::geom::ray::offset_distance;
+use crate::light::punctual::Incident;
+use crate::sample::Sequence;
+use crate::sample::warp::cos_hemisphere_pdf;
+use crate::scene::model::Rgb;
+use crate::transport::path::{Kernel, Vertex};
+use glam::{Vec3, Vec3A};
+use std::f32::consts::FRAC_1_PI;
+
+/// Up to this many punctual lights are all sampled at the receiver; deeper along the path, or if
+/// there are more, one is chosen by what it would contribute unshadowed.
+const EXHAUSTIVE: usize = 4;
+
+impl Kernel<'_> {
+    /// `E / pi` straight from the lights at `vertex`, one sample, nits. At the receiver lights whose
+    /// direct part is left to the game are left out.
+    pub(crate) fn direct(
+        &self,
+        vertex: &Vertex,
+        receiver: bool,
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Rgb {
+        let lights = self.lights;
+        let mut sum = Vec3::ZERO;
+        if !lights.punctual.is_empty() || !lights.emitters.is_empty() {
+            let [a, b, c, d] = sequence.next4();
+            sum += self.punctual(vertex, receiver, a, rays);
+            sum += self.emitters(vertex, b, [c, d], rays);
+        }
+        if !lights.suns.is_empty() || lights.sky.is_sampled() {
+            let [a, b, c, d] = sequence.next4();
+            for (i, sun) in lights.suns.iter().enumerate() {
+                if receiver && sun.indirect_only {
+                    continue;
+                }
+                // Several suns share two numbers, each shifted by another multiple of the golden ratio.
+                let shift = i as f32 * 0.618_034;
+                let u = [(a + shift).fract(), (b + 2.0 * shift).fract()];
+                sum += self.lit(vertex, &sun.sample(u), rays);
+            }
+            sum += self.sky(vertex, [c, d], rays);
+        }
+        sum
+    }
+
+    fn punctual(&self, vertex: &Vertex, receiver: bool, u: f32, rays: &mut u32) -> Rgb {
+        let list = &self.lights.punctual;
+        let counts = |i: usize| !(receiver && list[i].indirect_only);
+        if receiver && list.len() <= EXHAUSTIVE {
+            return (0..list.len())
+                .filter(|&i| counts(i))
+                .filter_map(|i| list[i].incident(vertex.position))
+                .map(|incident| self.lit(vertex, &incident, rays))
+                .sum();
+        }
+        let weight = |i: usize| {
+            if counts(i) { list[i].importance(vertex.position, vertex.shading_normal) } else { 0.0 }
+        };
+        let total: f32 = (0..list.len()).map(weight).sum();
+        if !(0.0 < total && total.is_finite()) {
+            return Vec3::ZERO;
+        }
+        let mut rest = u * total;
+        let mut chosen = None;
+        for i in 0..list.len() {
+            let w = weight(i);
+            if 0.0 < w {
+                chosen = Some((i, w / total));
+                if rest < w {
+                    break;
+                }
+                rest -= w;
+            }
+        }
+        let Some((i, probability)) = chosen else { return Vec3::ZERO };
+        list[i].incident(vertex.position).map_or(Vec3::ZERO, |x| self.lit(vertex, &x, rays) / probability)
+    }
+
+    /// A light without area, as far as it is not shadowed.
+    fn lit(&self, vertex: &Vertex, light: &Incident, rays: &mut u32) -> Rgb {
+        let cos = light.wi.dot(vertex.shading_normal);
+        if cos <= 0.0 {
+            return Vec3::ZERO;
+        }
+        // A lamp that lies on a surface must not be hidden by that surface's rounding.
+        let slack = offset_distance((vertex.position + light.wi * light.distance).abs().max_element());
+        let t_max = if light.distance.is_finite() { light.distance - slack } else { f32::INFINITY };
+        light.illuminance * (cos * FRAC_1_PI) * self.transmittance(vertex, light.wi, t_max, rays)
+    }
+
+    fn emitters(&self, vertex: &Vertex, u: f32, v: [f32; 2], rays: &mut u32) -> Rgb {
+        let n = vertex.shading_normal;
+        let Some(s) = self.lights.emitters.sample(vertex.position, n, u, v) else { return Vec3::ZERO };
+        let cos = s.wi.dot(n);
+        if cos <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let emission = self.world.shade(self.scene, s.triangle, s.bary).emission;
+        if emission == Vec3::ZERO {
+            return Vec3::ZERO;
+        }
+        let at = self.world.point(self.scene, s.triangle, s.bary);
+        let seen = self.transmittance(vertex, s.wi, s.distance - 2.0 * at.offset, rays);
+        let weight = 1.0 / (s.pdf_solid_angle + cos_hemisphere_pdf(cos));
+        emission * seen * (cos * FRAC_1_PI * weight)
+    }
+
+    fn sky(&self, vertex: &Vertex, u: [f32; 2], rays: &mut u32) -> Rgb {
+        let Some(s) = self.lights.sky.sample(u) else { return Vec3::ZERO };
+        let cos = s.wi.dot(vertex.shading_normal);
+        if cos <= 0.0 || s.pdf_solid_angle <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let seen = self.transmittance(vertex, s.wi, f32::INFINITY, rays);
+        s.radiance * seen * (cos * FRAC_1_PI / (s.pdf_solid_angle + cos_hemisphere_pdf(cos)))
+    }
+
+    /// What is left of light along a segment after everything it crosses: 0 behind an opaque surface.
+    fn transmittance(&self, from: &Vertex, wi: Vec3A, t_max: f32, rays: &mut u32) -> Rgb {
+        let ray: Ray = from.ray(wi, t_max);
+        if t_max <= 0.0 {
+            return Vec3::ONE;
+        }
+        *rays += 1;
+        let mut left = Vec3::ONE;
+        let blocked = self.bvh.occluded(&ray, |hit| {
+            left *= self.world.pass(self.scene, hit.triangle, hit.bary);
+            left == Vec3::ZERO
+        });
+        if blocked { Vec3::ZERO } else { left }
+    }
+}

@@ -1,0 +1,190 @@
+//! The estimator: a path from the receiver, with next-event estimation at every vertex.
+//!
+//! What is estimated is `E / pi`, the mean of incident radiance over the cosine-weighted
+//! hemisphere. Emission is found in two ways, by choosing points on emitters and by directions that
+//! happen to hit them; the balance heuristic ([Vea97] Veach, "Robust Monte Carlo Methods for Light
+//! Transport Simulation", 1997, eq. 9.8) weighs the two.
+
+use crate::geom::{Bvh, Hit, Ray, World};
+use crate::light::Lights;
+use crate::sample::Sequence;
+use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
+use crate::scene::model::{Rgb, Scene};
+use glam::{Vec3, Vec3A};
+
+/// Throughput below which Russian roulette starts. It is a product of albedos, so the decision does
+/// not change with the strength of the lights.
+const ROULETTE_BELOW: f32 = 0.25;
+
+/// Transparent layers that one ray may cross. Real scenes have a few dozen; the limit ends the
+/// walk through degenerate stacks.
+const MAX_LAYERS: u32 = 256;
+
+/// Everything a path needs.
+#[derive(Clone, Copy, Debug)]
+pub struct Kernel<'a> {
+    /// Materials and meshes.
+    pub scene: &'a Scene,
+    /// Placed triangles.
+    pub world: &'a World,
+    /// The tree over them.
+    pub bvh: &'a Bvh,
+    /// What emits.
+    pub lights: &'a Lights,
+    /// Most reflections that a path may have; `None` leaves the end to Russian roulette.
+    pub bounces: Option<u32>,
+}
+
+/// Where a path starts or turns.
+#[derive(Clone, Copy, Debug)]
+pub struct Vertex {
+    /// Metres, relative to [`World::origin`].
+    pub position: Vec3A,
+    /// Unit normal of the plane, on the side that is lit.
+    pub geometric_normal: Vec3A,
+    /// Unit normal that the cosine refers to, on the same side.
+    pub shading_normal: Vec3A,
+    /// How far off the plane rays start, metres.
+    pub offset: f32,
+}
+
+/// One sample of what arrives at a point.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Estimate {
+    /// Light that comes from a light straight away, `E / pi`, nits.
+    pub direct: Rgb,
+    /// Light that was reflected at least once, `E / pi`, nits.
+    pub indirect: Rgb,
+    /// What the first ray met, for telling points inside geometry from others.
+    pub first: First,
+    /// Rays traced, shadow rays included.
+    pub rays: u32,
+}
+
+/// What the first ray of a path met.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum First {
+    /// The sky or a front side.
+    #[default]
+    Front,
+    /// The back of a surface that has only a front.
+    Back,
+    /// The back of a double-sided surface.
+    DoubleSidedBack,
+}
+
+impl Vertex {
+    pub(crate) fn ray(&self, direction: Vec3A, t_max: f32) -> Ray {
+        Ray { origin: self.position + self.geometric_normal * self.offset, direction, t_max }
+    }
+}
+
+impl Kernel<'_> {
+    /// One path that starts at `start` in the direction that `u` chooses. The rest of its numbers come
+    /// from `sequence`.
+    #[must_use]
+    pub fn estimate(&self, start: &Vertex, u: [f32; 2], sequence: &mut Sequence) -> Estimate {
+        let mut out = Estimate::default();
+        let mut vertex = *start;
+        let mut throughput = Vec3::ONE;
+        let mut turn = u;
+        for depth in 0u32.. {
+            let direct = self.direct(&vertex, depth == 0, sequence, &mut out.rays);
+            let wi = Frame::new(vertex.shading_normal).to_world(square_to_cos_hemisphere(turn));
+            let leg = self.follow(&vertex, wi, sequence, &mut out.rays);
+            if depth == 0 {
+                out.direct = direct + leg.emitted;
+                out.first = leg.first;
+            } else {
+                out.indirect += throughput * (direct + leg.emitted);
+            }
+            let Some((next, reflectance)) = leg.next else { break };
+            if self.bounces.is_some_and(|n| n <= depth) {
+                break;
+            }
+            throughput *= reflectance;
+            let [a, b, c, _] = sequence.next4();
+            let strongest = throughput.max_element();
+            if strongest < ROULETTE_BELOW {
+                let survival = strongest / ROULETTE_BELOW;
+                if survival <= c {
+                    break;
+                }
+                throughput /= survival;
+            }
+            vertex = next;
+            turn = [a, b];
+        }
+        out
+    }
+
+    /// Follows a ray through whatever lets light pass, to the next reflection or the sky.
+    fn follow(&self, from: &Vertex, wi: Vec3A, sequence: &mut Sequence, rays: &mut u32) -> Leg {
+        let pdf = cos_hemisphere_pdf(wi.dot(from.shading_normal));
+        let mut ray = from.ray(wi, f32::INFINITY);
+        let mut travelled = 0.0;
+        let mut leg = Leg { emitted: Vec3::ZERO, next: None, first: First::Front };
+        let mut through = Vec3::ONE;
+        for layer in 0..MAX_LAYERS {
+            *rays += 1;
+            let Some(hit) = self.closest(&ray) else {
+                let sky = &self.lights.sky;
+                let weight = if sky.is_sampled() { pdf / (pdf + sky.pdf(wi)) } else { 1.0 };
+                leg.emitted += through * sky.radiance(wi) * weight;
+                return leg;
+            };
+            travelled += hit.t;
+            let at = self.world.point(self.scene, hit.triangle, hit.bary);
+            let shade = self.world.shade(self.scene, hit.triangle, hit.bary);
+            let material = self.world.material(self.scene, hit.triangle);
+            let front = wi.dot(at.geometric_normal) < 0.0;
+            if layer == 0 && !front {
+                leg.first = if material.double_sided { First::DoubleSidedBack } else { First::Back };
+            }
+            let active = front || material.double_sided;
+            if active && shade.emission != Vec3::ZERO && !material.unlit {
+                let other =
+                    self.lights.emitters.pdf(from.position, from.shading_normal, hit.triangle, wi, travelled);
+                leg.emitted += through * shade.emission * (pdf / (pdf + other));
+            }
+            let passing = shade.pass.max_element();
+            let reflecting = if active { shade.cover } else { 0.0 };
+            if passing + reflecting <= 0.0 {
+                return leg;
+            }
+            let chance = passing / (passing + reflecting);
+            let goes_through = 0.0 < chance && (1.0 <= chance || sequence.next4()[0] < chance);
+            if !goes_through {
+                let side = if front { 1.0 } else { -1.0 };
+                let vertex = Vertex {
+                    position: at.position,
+                    geometric_normal: at.geometric_normal * side,
+                    shading_normal: at.shading_normal * side,
+                    offset: at.offset,
+                };
+                let reflectance = through * shade.albedo * (reflecting / (1.0 - chance));
+                leg.next = (reflectance != Vec3::ZERO).then_some((vertex, reflectance));
+                return leg;
+            }
+            through *= shade.pass / chance;
+            let beyond = if front { -at.offset } else { at.offset };
+            ray.origin = at.position + at.geometric_normal * beyond;
+        }
+        leg
+    }
+
+    /// The nearest hit that is not a hole.
+    #[must_use]
+    pub fn closest(&self, ray: &Ray) -> Option<Hit> {
+        self.bvh.closest(ray, |hit| self.world.pass(self.scene, hit.triangle, hit.bary) != Vec3::ONE)
+    }
+}
+
+/// A ray's way from one reflection to the next.
+struct Leg {
+    /// Emission met on the way, weighted against next-event estimation, nits.
+    emitted: Rgb,
+    /// Where light was reflected and by how much, or `None` if it left or was absorbed.
+    next: Option<(Vertex, Rgb)>,
+    first: First,
+}
