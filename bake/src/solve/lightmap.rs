@@ -142,22 +142,15 @@ fn texel(
     gate: &mut Gate,
     rays: &mut u64,
 ) -> Texel {
-    scratch.clear();
-    let key = sequence::key(id.seed, DOMAIN + id.page as u64, u64::from(id.texel));
-    for i in 0..n {
-        let mut sequence = Sequence::new(key, i);
-        let [a, b, c, d] = sequence.next4();
-        let on = sampler.sample([a, b]);
-        let Some(vertex) = receiver(kernel, on.triangle, on.bary) else { continue };
-        let e = kernel.estimate(&vertex, [c, d], &mut sequence);
-        *rays += u64::from(e.rays);
-        let at = Rejected { page: id.page, texel: id.texel, sample: i };
-        scratch.push(Sample {
-            direct: gate.admit(e.direct, at),
-            indirect: gate.admit(e.indirect, at),
-            first: e.first,
-            place: on.uv.to_array(),
-        });
+    gather(kernel, sampler, id, n, Side::Front, scratch, gate, rays);
+    if !scratch.is_empty() && scratch.iter().all(sees_nothing) {
+        // A sheet that shows its back to the room, as many files have them: if it is double-sided and
+        // its front faces the void, the back is what anybody will see.
+        let front = std::mem::take(scratch);
+        gather(kernel, sampler, id, n, Side::BackOfDoubleSided, scratch, gate, rays);
+        if scratch.iter().all(sees_nothing) {
+            *scratch = front;
+        }
     }
     let coverage = sampler.coverage();
     if scratch.is_empty() {
@@ -170,19 +163,69 @@ fn texel(
     Texel { direct, indirect: (mean - direct).max(Vec3::ZERO), std_err, coverage, validity }
 }
 
-/// The point on the lit side of a surface from which rays start; `None` where it has no area.
-#[must_use]
-pub fn receiver(kernel: &Kernel<'_>, triangle: u32, bary: [f32; 3]) -> Option<Vertex> {
+/// No light, and no front side of anything in view.
+fn sees_nothing(s: &Sample) -> bool {
+    s.first != First::Front && s.direct + s.indirect == Vec3::ZERO
+}
+
+/// Which side of a surface is gathered.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Side {
+    Front,
+    BackOfDoubleSided,
+}
+
+#[expect(clippy::too_many_arguments, reason = "one inner step of `texel`, split off because it runs twice")]
+fn gather(
+    kernel: &Kernel<'_>,
+    sampler: &TexelSampler,
+    id: Id,
+    n: u32,
+    side: Side,
+    scratch: &mut Vec<Sample>,
+    gate: &mut Gate,
+    rays: &mut u64,
+) {
+    scratch.clear();
+    let key = sequence::key(id.seed, DOMAIN + id.page as u64, u64::from(id.texel));
+    for i in 0..n {
+        let mut sequence = Sequence::new(key, i);
+        let [a, b, c, d] = sequence.next4();
+        let on = sampler.sample([a, b]);
+        let Some(vertex) = receiver(kernel, on.triangle, on.bary, side) else { continue };
+        let e = kernel.estimate(&vertex, [c, d], &mut sequence);
+        *rays += u64::from(e.rays);
+        let at = Rejected { page: id.page, texel: id.texel, sample: i };
+        scratch.push(Sample {
+            direct: gate.admit(e.direct, at),
+            indirect: gate.admit(e.indirect, at),
+            first: e.first,
+            place: on.uv.to_array(),
+        });
+    }
+}
+
+/// The point on a side of a surface from which rays start; `None` where it has no area, or where the
+/// back is asked for and the surface has none.
+fn receiver(kernel: &Kernel<'_>, triangle: u32, bary: [f32; 3], side: Side) -> Option<Vertex> {
     let at = kernel.world.point(kernel.scene, triangle, bary);
     if at.geometric_normal == Vec3A::ZERO {
         return None;
     }
-    Some(Vertex {
-        position: kernel.world.lifted(kernel.scene, triangle, bary, &at),
+    let front = Vertex {
+        position: at.position,
         geometric_normal: at.geometric_normal,
         shading_normal: at.shading_normal,
         offset: at.offset,
-    })
+    };
+    match side {
+        Side::Front => {
+            Some(Vertex { position: kernel.world.lifted(kernel.scene, triangle, bary, &at), ..front })
+        }
+        Side::BackOfDoubleSided => {
+            kernel.world.material(kernel.scene, triangle).double_sided.then(|| front.turned())
+        }
+    }
 }
 
 /// Drops the samples of those parts of the texel that lie inside other geometry.
@@ -193,7 +236,7 @@ pub fn receiver(kernel: &Kernel<'_>, triangle: u32, bary: [f32; 3]) -> Option<Ve
 /// ordinary: one-sided surfaces are black from behind and stay in the mean. If every cell is
 /// hidden, all samples stay and the texel says so.
 fn keep_visible(samples: &mut Vec<Sample>) -> Validity {
-    let backs = samples.iter().filter(|s| s.first != First::Front).count();
+    let backs = samples.iter().filter(|s| is_back(s)).count();
     if backs * 20 < samples.len() {
         return Validity::Valid;
     }
@@ -208,7 +251,7 @@ fn keep_visible(samples: &mut Vec<Sample>) -> Validity {
         let c = &mut cells[cell(s)];
         c.all += 1;
         c.back += u32::from(s.first == First::Back);
-        c.any_back += u32::from(s.first != First::Front);
+        c.any_back += u32::from(is_back(s));
         c.lit |= s.direct + s.indirect != Vec3::ZERO;
     }
     if cells.iter().any(|c| 0 < c.all && c.validity() == Validity::Valid) {
@@ -220,6 +263,10 @@ fn keep_visible(samples: &mut Vec<Sample>) -> Validity {
     } else {
         Validity::Hidden
     }
+}
+
+fn is_back(s: &Sample) -> bool {
+    matches!(s.first, First::Back | First::DoubleSidedBack)
 }
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the grid")]

@@ -16,6 +16,12 @@ use glam::{Vec3, Vec3A};
 /// not change with the strength of the lights.
 const ROULETTE_BELOW: f32 = 0.25;
 
+/// Reflections after which a path ends with a chance of at least `1 - DEEP_SURVIVAL` each.
+const DEEP: u32 = 64;
+
+/// See [`DEEP`].
+const DEEP_SURVIVAL: f32 = 0.9;
+
 /// Transparent layers that one ray may cross. Real scenes have a few dozen; the limit ends the
 /// walk through degenerate stacks.
 const MAX_LAYERS: u32 = 256;
@@ -64,8 +70,10 @@ pub struct Estimate {
 /// What the first ray of a path met.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum First {
-    /// The sky or a front side.
+    /// The sky.
     #[default]
+    Nothing,
+    /// A front side.
     Front,
     /// The back of a surface that has only a front.
     Back,
@@ -74,6 +82,12 @@ pub enum First {
 }
 
 impl Vertex {
+    /// The same point on the other side of its surface.
+    #[must_use]
+    pub fn turned(&self) -> Self {
+        Self { geometric_normal: -self.geometric_normal, shading_normal: -self.shading_normal, ..*self }
+    }
+
     pub(crate) fn ray(&self, direction: Vec3A, t_max: f32) -> Ray {
         Ray { origin: self.position + self.geometric_normal * self.offset, direction, t_max }
     }
@@ -105,8 +119,10 @@ impl Kernel<'_> {
             throughput *= reflectance;
             let [a, b, c, _] = sequence.next4();
             let strongest = throughput.max_element();
-            if strongest < ROULETTE_BELOW {
-                let survival = strongest / ROULETTE_BELOW;
+            // A path inside a closed body of albedo 1 would never get weaker, so depth counts as well.
+            let limit = if depth < DEEP { 1.0 } else { DEEP_SURVIVAL };
+            let survival = (strongest / ROULETTE_BELOW).min(limit);
+            if survival < 1.0 {
                 if survival <= c {
                     break;
                 }
@@ -123,7 +139,7 @@ impl Kernel<'_> {
         let pdf = cos_hemisphere_pdf(wi.dot(from.shading_normal));
         let mut ray = from.ray(wi, f32::INFINITY);
         let mut travelled = 0.0;
-        let mut leg = Leg { emitted: Vec3::ZERO, next: None, first: First::Front };
+        let mut leg = Leg { emitted: Vec3::ZERO, next: None, first: First::Nothing };
         let mut through = Vec3::ONE;
         for layer in 0..MAX_LAYERS {
             *rays += 1;
@@ -138,8 +154,12 @@ impl Kernel<'_> {
             let shade = self.world.shade(self.scene, hit.triangle, hit.bary);
             let material = self.world.material(self.scene, hit.triangle);
             let front = wi.dot(at.geometric_normal) < 0.0;
-            if layer == 0 && !front {
-                leg.first = if material.double_sided { First::DoubleSidedBack } else { First::Back };
+            if layer == 0 {
+                leg.first = match (front, material.double_sided) {
+                    (true, _) => First::Front,
+                    (false, true) => First::DoubleSidedBack,
+                    (false, false) => First::Back,
+                };
             }
             let active = front || material.double_sided;
             if active && shade.emission != Vec3::ZERO && !material.unlit {
