@@ -27,10 +27,12 @@ impl Page {
     /// # Errors
     /// The decoder's words with the path.
     pub fn read(path: &Path) -> Result<Self, String> {
-        let image = exr::read_first_flat_layer_from_file(path).map_err(|e| format!("{}: {e}", path.display()))?;
+        let image =
+            exr::read_first_flat_layer_from_file(path).map_err(|e| format!("{}: {e}", path.display()))?;
         let size = image.layer_data.size;
         let channels = image.layer_data.channel_data.list;
-        let channels = channels.into_iter().map(|c| (c.name.to_string(), c.sample_data.values_as_f32().collect()));
+        let channels =
+            channels.into_iter().map(|c| (c.name.to_string(), c.sample_data.values_as_f32().collect()));
         Ok(Self { width: size.x(), height: size.y(), channels: channels.collect() })
     }
 
@@ -123,7 +125,11 @@ impl Baked {
 
     /// Compares every texel and channel whose pieces satisfy `of` with the average of `exact` (in the texel's unit, `E / pi`).
     #[must_use]
-    pub fn cases(&self, of: impl Fn(&Piece) -> bool, exact: impl Fn(DVec3, DVec3) -> DVec3) -> Vec<crate::stats::Case> {
+    pub fn cases(
+        &self,
+        of: impl Fn(&Piece) -> bool,
+        exact: impl Fn(DVec3, DVec3) -> DVec3,
+    ) -> Vec<crate::stats::Case> {
         let page = &self.pages[0];
         let mut cases = Vec::new();
         for ((x, y), pieces) in self.texels() {
@@ -147,16 +153,50 @@ impl Baked {
         cases
     }
 
-    /// Mean luminance over the texels of nodes whose name satisfies `of`, and the largest one.
+    /// Mean of every node's texels, weighted by what the node covers of them, with its standard error, both by channel.
     #[must_use]
-    pub fn mean_and_max(&self, of: impl Fn(&str) -> bool) -> (f64, f64) {
-        let weights = DVec3::new(0.2126, 0.7152, 0.0722);
-        let lum = |(x, y): &(usize, usize)| self.pages[0].rgb("", *x, *y).as_dvec3().dot(weights);
-        let texels = self.texels();
-        let texels = texels.iter().filter(|(_, p)| p.iter().any(|p| of(&p.node)));
-        let values: Vec<f64> = texels.map(|(at, _)| lum(at)).collect();
-        let max = values.iter().copied().fold(0.0, f64::max);
-        (values.iter().sum::<f64>() / values.len().max(1) as f64, max)
+    pub fn node_means(&self) -> BTreeMap<String, [DVec3; 2]> {
+        let page = &self.pages[0];
+        let mut sums: BTreeMap<String, (f64, DVec3, DVec3)> = BTreeMap::new();
+        for ((x, y), pieces) in self.texels() {
+            let mut weights: BTreeMap<&str, f64> = BTreeMap::new();
+            for piece in &pieces {
+                *weights.entry(&piece.node).or_default() += piece.points.iter().map(|p| p.2).sum::<f64>();
+            }
+            for (node, w) in weights {
+                let sum = sums.entry(node.into()).or_default();
+                let err = page.rgb("stderr.", x, y).as_dvec3();
+                sum.0 += w;
+                sum.1 += w * page.rgb("", x, y).as_dvec3();
+                sum.2 += w * w * err * err;
+            }
+        }
+        let mean = |(w, v, e): (f64, DVec3, DVec3)| [v / w, e.map(f64::sqrt) / w];
+        sums.into_iter().map(|(node, sum)| (node, mean(sum))).collect()
+    }
+
+    /// The largest channel of any texel that a node covers more than a thousandth of.
+    #[must_use]
+    pub fn node_max(&self, node: &str) -> f32 {
+        let weight = |pieces: &[Piece]| {
+            pieces.iter().filter(|p| p.node == node).flat_map(|p| &p.points).map(|p| p.2).sum::<f64>()
+        };
+        let texels = self.texels().into_iter().filter(|(_, p)| 1e-3 < weight(p));
+        texels.map(|((x, y), _)| self.pages[0].rgb("", x, y).max_element()).fold(0.0, f32::max)
+    }
+
+    /// The page's value at texture coordinates, interpolated between texel centres as a GPU does.
+    #[must_use]
+    pub fn bilinear(&self, uv: Vec2) -> Vec3 {
+        let page = &self.pages[0];
+        let size = Vec2::new(page.width as f32, page.height as f32);
+        let at = (uv * size - 0.5).clamp(Vec2::ZERO, size - 1.0);
+        let (low, part) = (at.floor(), at.fract());
+        let index = |v: f32, n: usize| (0..n).rfind(|&i| i as f32 <= v).unwrap_or(0);
+        let (x, y) = (index(low.x, page.width), index(low.y, page.height));
+        let (x1, y1) = ((x + 1).min(page.width - 1), (y + 1).min(page.height - 1));
+        let row = |y| page.rgb("", x, y).lerp(page.rgb("", x1, y), part.x);
+        row(y).lerp(row(y1), part.y)
     }
 }
 
@@ -171,7 +211,12 @@ fn cells(lo: f64, hi: f64, n: usize) -> std::ops::Range<usize> {
 fn cover(t: &Triangle, uv: [DVec2; 3], corner: DVec2) -> Vec<(DVec3, DVec3, f64)> {
     let area = (uv[1] - uv[0]).perp_dot(uv[2] - uv[0]);
     let mut polygon: Vec<DVec2> = uv.into();
-    let sides = [(DVec2::X, corner.x), (DVec2::NEG_X, -corner.x - 1.0), (DVec2::Y, corner.y), (DVec2::NEG_Y, -corner.y - 1.0)];
+    let sides = [
+        (DVec2::X, corner.x),
+        (DVec2::NEG_X, -corner.x - 1.0),
+        (DVec2::Y, corner.y),
+        (DVec2::NEG_Y, -corner.y - 1.0),
+    ];
     for (axis, least) in sides {
         let mut kept = Vec::with_capacity(polygon.len() + 1);
         for (i, &b) in polygon.iter().enumerate() {
@@ -222,8 +267,11 @@ fn quarters(t: [DVec2; 3], level: u32) -> Vec<[DVec2; 3]> {
 /// What cannot be read.
 pub fn files(dir: &Path) -> Result<BTreeMap<String, Vec<u8>>, String> {
     let fault = |e: std::io::Error| format!("{}: {e}", dir.display());
-    let paths: Vec<PathBuf> =
-        fs::read_dir(dir).map_err(fault)?.map(|e| e.map(|e| e.path())).collect::<Result<_, _>>().map_err(fault)?;
+    let paths: Vec<PathBuf> = fs::read_dir(dir)
+        .map_err(fault)?
+        .map(|e| e.map(|e| e.path()))
+        .collect::<Result<_, _>>()
+        .map_err(fault)?;
     let mut out = BTreeMap::new();
     for path in paths.iter().filter(|p| p.is_file()) {
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();

@@ -70,13 +70,20 @@ pub fn judge(cases: &[Case], relative: f64) -> Result<(), String> {
     if let Some(c) = cases.iter().max_by(|a, b| excess(a).total_cmp(&excess(b)))
         && bound < excess(c)
     {
-        faults.push(format!("{:.2} standard errors off, {bound:.2} allowed for {}: {c:?}", excess(c), cases.len()));
+        faults.push(format!(
+            "{:.2} standard errors off, {bound:.2} allowed for {}: {c:?}",
+            excess(c),
+            cases.len()
+        ));
     }
     let beyond = cases.iter().filter(|c| 3.0 < excess(c)).count();
     let expected = 0.0027 * cases.len() as f64;
     let allowed = expected + 4.0 * expected.sqrt() + 1.0;
     if allowed < beyond as f64 {
-        faults.push(format!("{beyond} of {} are beyond three standard errors, {allowed:.0} allowed", cases.len()));
+        faults.push(format!(
+            "{beyond} of {} are beyond three standard errors, {allowed:.0} allowed",
+            cases.len()
+        ));
     }
     if faults.is_empty() { Ok(()) } else { Err(faults.join("\n")) }
 }

@@ -58,7 +58,17 @@ fn binary(package: &str) -> PathBuf {
     let target = profile_dir.parent().unwrap_or(&profile_dir);
     let cargo = env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let built = Command::new(cargo)
-        .args(["build", "--quiet", "--package", package, "--bin", package, "--profile", profile, "--target-dir"])
+        .args([
+            "build",
+            "--quiet",
+            "--package",
+            package,
+            "--bin",
+            package,
+            "--profile",
+            profile,
+            "--target-dir",
+        ])
         .arg(target)
         .current_dir(crate::root())
         .output()
