@@ -132,7 +132,7 @@ impl Baked {
     ) -> Vec<crate::stats::Case> {
         let page = &self.pages[0];
         let mut cases = Vec::new();
-        for ((x, y), pieces) in self.texels() {
+        for (group, ((x, y), pieces)) in self.texels().into_iter().enumerate() {
             let points: Vec<_> = pieces.iter().filter(|p| of(p)).flat_map(|p| &p.points).collect();
             let weight: f64 = points.iter().map(|p| p.2).sum();
             // Below a thousandth of a texel, rounding of the coordinates decides whether it is covered.
@@ -144,6 +144,7 @@ impl Baked {
             for c in 0..3 {
                 cases.push(crate::stats::Case {
                     what: format!("texel {x},{y} channel {c} coverage {weight:.3}"),
+                    group,
                     got: f64::from(got[c]),
                     std_err: f64::from(err[c]),
                     want: want[c],

@@ -32,9 +32,10 @@ fn check_all(what: &str, baked: &Baked, exact: impl Fn(DVec3, DVec3) -> DVec3) {
 
 #[test]
 fn furnace_is_one_over_one_minus_rho() {
-    for rho in [0.0f32, 0.5, 0.9] {
+    // Long paths have a skewed distribution, which takes more of them to become normal.
+    for (rho, samples) in [(0.0f32, "64"), (0.5, "256"), (0.9, "1024")] {
         let want = 1.0 / (1.0 - f64::from(rho));
-        let args = ["--samples", "256", "--texels-per-metre", "6"];
+        let args = ["--samples", samples, "--texels-per-metre", "6"];
         let baked = tool::baked(&closed::furnace(rho, 1.0), &args);
         check_all(&format!("furnace, rho {rho}"), &baked, |_, _| DVec3::splat(want));
         let baked = tool::baked(&closed::round_furnace(rho, 1.0), &args);

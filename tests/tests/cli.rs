@@ -43,7 +43,7 @@ fn help_fits_a_screen() {
 #[test]
 fn bad_usage_is_2_and_names_the_remedy() {
     refused(&["run", "scene.glb", "--sampels", "3"], &["--sampels", "--samples"]);
-    refused(&["rnu"], &["rnu", "run"]);
+    refused(&["comapre"], &["comapre", "compare"]);
     refused(&["run", "scene.glb", "--samples", "none"], &["none", "--samples"]);
     refused(&["run", "scene.glb", "--quality", "best"], &["best", "draft", "medium", "high"]);
     refused(&["run", "scene.glb", "--texels-per-metre", "-3"], &["-3"]);
@@ -152,7 +152,7 @@ fn an_interrupted_bake_leaves_the_earlier_one_as_it_was() {
             "-o",
             folder,
             "--samples",
-            "200000",
+            "20000",
             "--texels-per-metre",
             "16",
             "--progress",
