@@ -137,8 +137,8 @@ impl Job<'_> {
             let total = map.texels.len() as u64 * u64::from(settings.samples);
             let name = format!("page {} of {}", number + 1, atlas.pages.len());
             let solution = say::watch(self.style, &name, total, &baked.monitor, self.interrupt, || {
-                let (n, seed) = (settings.samples, settings.seed);
-                lightmap::bake_page(&self.kernel(), &map, number, n, seed, &baked.monitor)
+                let effort = effort(self.plan, settings.samples, settings.seed);
+                lightmap::bake_page(&self.kernel(), &map, number, effort, &baked.monitor)
             })?;
             self.watch.lap("sample");
             self.admit(&solution.gate)?;
@@ -194,6 +194,11 @@ impl Job<'_> {
         self.watch.lap("preview");
         Ok(())
     }
+}
+
+/// How much a plan gathers in each texel.
+pub(crate) fn effort(plan: &Plan, samples: u32, seed: u64) -> lightmap::Effort {
+    lightmap::Effort { samples, seed, texel_size: plan.atlas().texels_per_metre.recip() }
 }
 
 /// The kernel that a plan calls for.

@@ -3,7 +3,7 @@
 #![expect(clippy::print_stdout, reason = "the plan is the command's result")]
 
 use crate::cli::args::PlanArgs;
-use crate::cli::bake_run::kernel;
+use crate::cli::bake_run::{effort, kernel};
 use crate::cli::input;
 use crate::cli::say::{self, Interrupt, Style};
 use crate::error::Error;
@@ -56,7 +56,7 @@ impl Cost {
             for measured in [false, true] {
                 let monitor = Monitor::default();
                 let start = Instant::now();
-                lightmap::bake_page(&kernel, &probe, page, 4, 1, &monitor)?;
+                lightmap::bake_page(&kernel, &probe, page, effort(plan, 4, 1), &monitor)?;
                 if measured {
                     seconds += start.elapsed().as_secs_f64();
                     paths += monitor.paths();

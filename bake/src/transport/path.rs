@@ -63,6 +63,8 @@ pub struct Estimate {
     pub indirect: Rgb,
     /// What the first ray met, for telling points inside geometry from others.
     pub first: First,
+    /// How far away that was, metres.
+    pub first_distance: f32,
     /// Rays traced, shadow rays included.
     pub rays: u32,
 }
@@ -108,7 +110,7 @@ impl Kernel<'_> {
             let leg = self.follow(&vertex, wi, sequence, &mut out.rays);
             if depth == 0 {
                 out.direct = direct + leg.emitted;
-                out.first = leg.first;
+                (out.first, out.first_distance) = (leg.first, leg.first_distance);
             } else {
                 out.indirect += throughput * (direct + leg.emitted);
             }
@@ -139,7 +141,8 @@ impl Kernel<'_> {
         let pdf = cos_hemisphere_pdf(wi.dot(from.shading_normal));
         let mut ray = from.ray(wi, f32::INFINITY);
         let mut travelled = 0.0;
-        let mut leg = Leg { emitted: Vec3::ZERO, next: None, first: First::Nothing };
+        let mut leg =
+            Leg { emitted: Vec3::ZERO, next: None, first: First::Nothing, first_distance: f32::INFINITY };
         let mut through = Vec3::ONE;
         for layer in 0..MAX_LAYERS {
             *rays += 1;
@@ -155,6 +158,7 @@ impl Kernel<'_> {
             let material = self.world.material(self.scene, hit.triangle);
             let front = wi.dot(at.geometric_normal) < 0.0;
             if layer == 0 {
+                leg.first_distance = hit.t;
                 leg.first = match (front, material.double_sided) {
                     (true, _) => First::Front,
                     (false, true) => First::DoubleSidedBack,
@@ -207,4 +211,5 @@ struct Leg {
     /// Where light was reflected and by how much, or `None` if it left or was absorbed.
     next: Option<(Vertex, Rgb)>,
     first: First,
+    first_distance: f32,
 }
