@@ -201,8 +201,8 @@ pub(crate) struct CompareArgs {
 #[derive(Debug, ClapArgs)]
 pub(crate) struct MergeArgs {
     /// Folder with shards
-    #[expect(dead_code, reason = "the command is reserved")]
-    pub(crate) dir: Option<PathBuf>,
+    #[arg(value_name = "DIR")]
+    pub(crate) _dir: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

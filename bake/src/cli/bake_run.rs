@@ -6,12 +6,13 @@ use crate::cli::say::{self, Interrupt, Style};
 use crate::cli::stopwatch::Stopwatch;
 use crate::error::{Error, Finding};
 use crate::geom::texel::TexelMap;
+use crate::light::Beams;
 use crate::output::folder::Staging;
 use crate::output::page::{Page, PageStats};
 use crate::output::{assemble, exr, preview, record, scene_glb, view};
 use crate::plan::{self, Plan};
 use crate::solve::accumulate::Gate;
-use crate::solve::{Monitor, lightmap};
+use crate::solve::{Monitor, lightmap, pilot};
 use crate::transport::Kernel;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -117,10 +118,6 @@ struct Baked {
 }
 
 impl Job<'_> {
-    fn kernel(&self) -> Kernel<'_> {
-        kernel(self.plan)
-    }
-
     fn pages(&mut self) -> Result<Baked, Error> {
         let atlas = self.plan.atlas();
         let settings = self.plan.settings();
@@ -131,14 +128,17 @@ impl Job<'_> {
             monitor: Monitor::default(),
         };
         self.style.stage("plan", &announce(self.plan));
+        let beams = beams(self.plan);
+        let kernel = Kernel { beams: beams.as_ref(), ..kernel(self.plan) };
+        self.watch.lap("pilot");
         for number in 0..atlas.pages.len() {
             let map = TexelMap::build(self.plan.scene(), atlas, number);
             self.watch.lap("texels");
             let total = map.texels.len() as u64 * u64::from(settings.samples);
             let name = format!("page {} of {}", number + 1, atlas.pages.len());
             let solution = say::watch(self.style, &name, total, &baked.monitor, self.interrupt, || {
-                let (n, seed) = (settings.samples, settings.seed);
-                lightmap::bake_page(&self.kernel(), &map, number, n, seed, &baked.monitor)
+                let effort = effort(self.plan, settings.samples, settings.seed);
+                lightmap::bake_page(&kernel, &map, number, effort, &baked.monitor)
             })?;
             self.watch.lap("sample");
             self.admit(&solution.gate)?;
@@ -181,7 +181,7 @@ impl Job<'_> {
         let files: Vec<String> = (0..plan.atlas().pages.len()).map(record::page_file).collect();
         let path = self.staging.path("scene.glb");
         say::findings(&scene_glb::write(&path, document, plan.scene(), plan.atlas(), &files)?, false);
-        let kernel = self.kernel();
+        let kernel = kernel(plan);
         let camera = view::camera(plan, &kernel);
         let picture = view::draw(plan, &kernel, &baked.pages, &camera);
         preview::write_image(
@@ -196,7 +196,20 @@ impl Job<'_> {
     }
 }
 
-/// The kernel that a plan calls for.
+/// How much a plan gathers in each texel.
+pub(crate) fn effort(plan: &Plan, samples: u32, seed: u64) -> lightmap::Effort {
+    lightmap::Effort { samples, seed, texel_size: plan.atlas().texels_per_metre.recip() }
+}
+
+/// Which beams of light a plan's bake follows.
+pub(crate) fn beams(plan: &Plan) -> Option<Beams> {
+    let kernel = kernel(plan);
+    let placed = |s: usize| plan.atlas().placements[s].is_some();
+    let receivers = pilot::receivers(&kernel, placed, plan.settings().seed);
+    pilot::learn(&kernel, &receivers, plan.settings().seed)
+}
+
+/// The kernel that a plan calls for, without beams.
 pub(crate) fn kernel(plan: &Plan) -> Kernel<'_> {
     let t = plan.tracing();
     Kernel {
@@ -205,6 +218,7 @@ pub(crate) fn kernel(plan: &Plan) -> Kernel<'_> {
         bvh: &t.bvh,
         lights: &t.lights,
         bounces: plan.settings().bounces,
+        beams: None,
     }
 }
 

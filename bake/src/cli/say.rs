@@ -45,7 +45,6 @@ impl Interrupt {
         let seen = Arc::clone(&flag);
         ctrlc::set_handler(move || {
             if seen.swap(true, Ordering::SeqCst) {
-                #[expect(clippy::exit, reason = "the user insists")]
                 std::process::exit(130);
             }
         })

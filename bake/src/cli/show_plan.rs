@@ -3,13 +3,14 @@
 #![expect(clippy::print_stdout, reason = "the plan is the command's result")]
 
 use crate::cli::args::PlanArgs;
-use crate::cli::bake_run::kernel;
+use crate::cli::bake_run::{beams, effort, kernel};
 use crate::cli::input;
 use crate::cli::say::{self, Interrupt, Style};
 use crate::error::Error;
 use crate::geom::texel::TexelMap;
 use crate::plan::{self, Plan};
 use crate::solve::{Monitor, lightmap};
+use crate::transport::Kernel;
 use serde_json::{Value, json};
 use std::process::ExitCode;
 use std::time::Instant;
@@ -46,7 +47,8 @@ struct Cost {
 impl Cost {
     /// Counts the texels and times a few paths in texels spread over all pages.
     fn measure(plan: &Plan) -> Result<Self, Error> {
-        let kernel = kernel(plan);
+        let beams = beams(plan);
+        let kernel = Kernel { beams: beams.as_ref(), ..kernel(plan) };
         let (mut covered, mut seconds, mut paths) = (0u64, 0.0, 0u64);
         for page in 0..plan.atlas().pages.len() {
             let map = TexelMap::build(plan.scene(), plan.atlas(), page);
@@ -56,7 +58,7 @@ impl Cost {
             for measured in [false, true] {
                 let monitor = Monitor::default();
                 let start = Instant::now();
-                lightmap::bake_page(&kernel, &probe, page, 4, 1, &monitor)?;
+                lightmap::bake_page(&kernel, &probe, page, effort(plan, 4, 1), &monitor)?;
                 if measured {
                     seconds += start.elapsed().as_secs_f64();
                     paths += monitor.paths();

@@ -238,6 +238,7 @@ impl Bvh {
 }
 
 #[cfg(test)]
+#[expect(clippy::cast_possible_truncation, reason = "small meshes")]
 mod tests {
     use super::*;
     use crate::sample::{Sequence, sequence::key};

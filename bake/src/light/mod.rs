@@ -1,12 +1,14 @@
 //! Everything that emits: punctual lights, suns, emissive triangles and the sky, each with sampling
 //! and density.
 
+pub mod beams;
 pub mod emitters;
 pub mod punctual;
 pub mod sky;
 
 use crate::geom::World;
 use crate::scene::model::{LightKind, LightMode, Scene};
+pub use beams::Beams;
 pub use emitters::Emitters;
 pub use punctual::{Punctual, Sun};
 pub use sky::SkyLight;

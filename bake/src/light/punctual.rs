@@ -49,6 +49,12 @@ impl Punctual {
         }
     }
 
+    /// Where it is, metres relative to the world's origin.
+    #[must_use]
+    pub fn position(&self) -> Vec3A {
+        self.position
+    }
+
     /// What arrives at `p` where nothing is in between; `None` outside the cone and the range, and at
     /// the light itself, where the illuminance has no value.
     #[must_use]
@@ -107,6 +113,12 @@ impl Sun {
             one_minus_cos: 2.0 * s * s,
             indirect_only: mode == LightMode::Mixed,
         }
+    }
+
+    /// Frame whose third axis points to the middle of the disc.
+    #[must_use]
+    pub fn frame(&self) -> &Frame {
+        &self.frame
     }
 
     /// Light from one point of the disc, chosen uniformly by solid angle.

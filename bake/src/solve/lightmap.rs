@@ -46,6 +46,20 @@ pub enum Validity {
     Enclosed,
 }
 
+/// How much is gathered, and how.
+#[derive(Clone, Copy, Debug)]
+pub struct Effort {
+    /// Paths per texel.
+    pub samples: u32,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Side of a typical texel, metres.
+    pub texel_size: f32,
+}
+
+/// Cavities narrower than this many texels are cracks between parts of one body.
+const CRACK: f32 = 2.0;
+
 /// What [`bake_page`] found.
 #[derive(Clone, Debug, Default)]
 pub struct Solution {
@@ -55,7 +69,7 @@ pub struct Solution {
     pub gate: Gate,
 }
 
-/// Gathers `samples` paths in each covered texel of a page.
+/// Gathers paths in each covered texel of a page.
 ///
 /// # Errors
 ///
@@ -64,10 +78,10 @@ pub fn bake_page(
     kernel: &Kernel<'_>,
     map: &TexelMap,
     page: usize,
-    samples: u32,
-    seed: u64,
+    Effort { samples, seed, texel_size }: Effort,
     monitor: &Monitor,
 ) -> Result<Solution, Error> {
+    let crack = CRACK * texel_size;
     let n = map.texels.len();
     let mut texels = vec![Texel::default(); n];
     let gates: Vec<Gate> = texels
@@ -90,7 +104,7 @@ pub fn bake_page(
                         }
                         None => sampler.insert(TexelSampler::new(map, index)),
                     };
-                    let id = Id { page, texel: map.texels[index], seed };
+                    let id = Id { page, texel: map.texels[index], seed, crack };
                     *out = texel(kernel, sampler, id, samples, scratch, &mut gate, &mut rays);
                 }
                 monitor.add_error(error_sums(out));
@@ -123,6 +137,8 @@ struct Id {
     page: usize,
     texel: u32,
     seed: u64,
+    /// Metres; see [`Sample::crack`].
+    crack: f32,
 }
 
 /// One path's result and where in the texel it started.
@@ -130,6 +146,9 @@ struct Sample {
     direct: Rgb,
     indirect: Rgb,
     first: First,
+    /// Whether the first ray met a front side nearby: nearer than a texel's neighbourhood, so that
+    /// what lies between is a crack and no room.
+    crack: bool,
     place: [f32; 2],
 }
 
@@ -163,9 +182,9 @@ fn texel(
     Texel { direct, indirect: (mean - direct).max(Vec3::ZERO), std_err, coverage, validity }
 }
 
-/// No light, and no front side of anything in view.
+/// No light, and no front side of anything in view but across a crack.
 fn sees_nothing(s: &Sample) -> bool {
-    s.first != First::Front && s.direct + s.indirect == Vec3::ZERO
+    (s.first != First::Front || s.crack) && s.direct + s.indirect == Vec3::ZERO
 }
 
 /// Which side of a surface is gathered.
@@ -200,6 +219,7 @@ fn gather(
             direct: gate.admit(e.direct, at),
             indirect: gate.admit(e.indirect, at),
             first: e.first,
+            crack: e.first_distance < id.crack,
             place: on.uv.to_array(),
         });
     }
@@ -305,7 +325,7 @@ mod tests {
                 let place = [(f32::from(i) + 0.5) / f32::from(n), f32::from(i % 16) / 16.0];
                 let first = back(place[0]);
                 let light = if first == First::Front { Vec3::ONE } else { Vec3::ZERO };
-                Sample { direct: light, indirect: Vec3::ZERO, first, place }
+                Sample { direct: light, indirect: Vec3::ZERO, first, crack: false, place }
             })
             .collect()
     }

@@ -3,6 +3,7 @@
 pub mod accumulate;
 pub mod lightmap;
 pub mod monitor;
+pub mod pilot;
 pub mod points;
 
 pub use monitor::Monitor;

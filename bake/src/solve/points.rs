@@ -78,7 +78,8 @@ pub fn gather(
 ///
 /// The point itself is used as given. What its surface's rounding amounts to is a matter of that
 /// surface's size, which a short ray backwards finds; in free air the point's own coordinates count.
-fn place(kernel: &Kernel<'_>, position: Vec3, normal: Vec3) -> Vertex {
+#[must_use]
+pub fn place(kernel: &Kernel<'_>, position: Vec3, normal: Vec3) -> Vertex {
     let p = Vec3A::from(position - kernel.world.origin);
     let n = Vec3A::from(normal);
     let reach = kernel.world.radius * (1.0 / 1024.0);

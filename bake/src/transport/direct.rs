@@ -6,10 +6,12 @@
 
 use crate::geom::Ray;
 use crate::geom::ray::offset_distance;
+use crate::light::beams::Source;
 use crate::light::punctual::Incident;
 use crate::sample::Sequence;
 use crate::sample::warp::cos_hemisphere_pdf;
 use crate::scene::model::Rgb;
+use crate::transport::connect::Arrival;
 use crate::transport::path::{Kernel, Vertex};
 use glam::{Vec3, Vec3A};
 use std::f32::consts::FRAC_1_PI;
@@ -20,11 +22,13 @@ const EXHAUSTIVE: usize = 4;
 
 impl Kernel<'_> {
     /// `E / pi` straight from the lights at `vertex`, one sample, nits. At the receiver lights whose
-    /// direct part is left to the game are left out.
+    /// direct part is left to the game are left out. `arrival` says how the vertex was found, where
+    /// connecting to beams could have found it as well.
     pub(crate) fn direct(
         &self,
         vertex: &Vertex,
         receiver: bool,
+        arrival: Option<Arrival>,
         sequence: &mut Sequence,
         rays: &mut u32,
     ) -> Rgb {
@@ -32,7 +36,7 @@ impl Kernel<'_> {
         let mut sum = Vec3::ZERO;
         if !lights.punctual.is_empty() || !lights.emitters.is_empty() {
             let [a, b, c, d] = sequence.next4();
-            sum += self.punctual(vertex, receiver, a, rays);
+            sum += self.punctual(vertex, receiver, arrival, a, rays);
             sum += self.emitters(vertex, b, [c, d], rays);
         }
         if !lights.suns.is_empty() || lights.sky.is_sampled() {
@@ -44,14 +48,23 @@ impl Kernel<'_> {
                 // Several suns share two numbers, each shifted by another multiple of the golden ratio.
                 let shift = i as f32 * 0.618_034;
                 let u = [(a + shift).fract(), (b + 2.0 * shift).fract()];
-                sum += self.lit(vertex, &sun.sample(u), rays);
+                let light = sun.sample(u);
+                let weight = self.chance_weight(arrival, vertex, Source::Sun(i), &light);
+                sum += self.lit(vertex, &light, rays) * weight;
             }
             sum += self.sky(vertex, [c, d], rays);
         }
         sum
     }
 
-    fn punctual(&self, vertex: &Vertex, receiver: bool, u: f32, rays: &mut u32) -> Rgb {
+    fn punctual(
+        &self,
+        vertex: &Vertex,
+        receiver: bool,
+        arrival: Option<Arrival>,
+        u: f32,
+        rays: &mut u32,
+    ) -> Rgb {
         let list = &self.lights.punctual;
         let counts = |i: usize| !(receiver && list[i].indirect_only);
         if receiver && list.len() <= EXHAUSTIVE {
@@ -81,7 +94,10 @@ impl Kernel<'_> {
             }
         }
         let Some((i, probability)) = chosen else { return Vec3::ZERO };
-        list[i].incident(vertex.position).map_or(Vec3::ZERO, |x| self.lit(vertex, &x, rays) / probability)
+        list[i].incident(vertex.position).map_or(Vec3::ZERO, |x| {
+            let weight = self.chance_weight(arrival, vertex, Source::Punctual(i), &x);
+            self.lit(vertex, &x, rays) * (weight / probability)
+        })
     }
 
     /// A light without area, as far as it is not shadowed.
@@ -124,7 +140,7 @@ impl Kernel<'_> {
     }
 
     /// What is left of light along a segment after everything it crosses: 0 behind an opaque surface.
-    fn transmittance(&self, from: &Vertex, wi: Vec3A, t_max: f32, rays: &mut u32) -> Rgb {
+    pub(crate) fn transmittance(&self, from: &Vertex, wi: Vec3A, t_max: f32, rays: &mut u32) -> Rgb {
         let ray: Ray = from.ray(wi, t_max);
         if t_max <= 0.0 {
             return Vec3::ONE;

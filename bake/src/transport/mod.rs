@@ -1,5 +1,6 @@
 //! Light transport: the path-traced estimate of what arrives at a point.
 
+pub mod connect;
 pub mod direct;
 pub mod path;
 

@@ -6,10 +6,11 @@
 //! Transport Simulation", 1997, eq. 9.8) weighs the two.
 
 use crate::geom::{Bvh, Hit, Ray, World};
-use crate::light::Lights;
+use crate::light::{Beams, Lights};
 use crate::sample::Sequence;
 use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
 use crate::scene::model::{Rgb, Scene};
+use crate::transport::connect::Arrival;
 use glam::{Vec3, Vec3A};
 
 /// Throughput below which Russian roulette starts. It is a product of albedos, so the decision does
@@ -39,6 +40,9 @@ pub struct Kernel<'a> {
     pub lights: &'a Lights,
     /// Most reflections that a path may have; `None` leaves the end to Russian roulette.
     pub bounces: Option<u32>,
+    /// Paths from the lights that every vertex connects to; without them light is found from the
+    /// receiver alone.
+    pub beams: Option<&'a Beams>,
 }
 
 /// Where a path starts or turns.
@@ -63,6 +67,8 @@ pub struct Estimate {
     pub indirect: Rgb,
     /// What the first ray met, for telling points inside geometry from others.
     pub first: First,
+    /// How far away that was, metres.
+    pub first_distance: f32,
     /// Rays traced, shadow rays included.
     pub rays: u32,
 }
@@ -102,17 +108,25 @@ impl Kernel<'_> {
         let mut vertex = *start;
         let mut throughput = Vec3::ONE;
         let mut turn = u;
+        let mut arrival = None;
+        let beam = if self.bounces == Some(0) { None } else { self.beam(sequence, &mut out.rays) };
         for depth in 0u32.. {
-            let direct = self.direct(&vertex, depth == 0, sequence, &mut out.rays);
+            let direct = self.direct(&vertex, depth == 0, arrival, sequence, &mut out.rays);
+            if let Some(light) = &beam
+                && self.bounces.is_none_or(|n| depth < n)
+            {
+                out.indirect += throughput * self.connect(&vertex, light, &mut out.rays);
+            }
             let wi = Frame::new(vertex.shading_normal).to_world(square_to_cos_hemisphere(turn));
             let leg = self.follow(&vertex, wi, sequence, &mut out.rays);
             if depth == 0 {
                 out.direct = direct + leg.emitted;
-                out.first = leg.first;
+                (out.first, out.first_distance) = (leg.first, leg.first_distance);
             } else {
                 out.indirect += throughput * (direct + leg.emitted);
             }
             let Some((next, reflectance)) = leg.next else { break };
+            arrival = Some(leg.arrival);
             if self.bounces.is_some_and(|n| n <= depth) {
                 break;
             }
@@ -139,7 +153,13 @@ impl Kernel<'_> {
         let pdf = cos_hemisphere_pdf(wi.dot(from.shading_normal));
         let mut ray = from.ray(wi, f32::INFINITY);
         let mut travelled = 0.0;
-        let mut leg = Leg { emitted: Vec3::ZERO, next: None, first: First::Nothing };
+        let mut leg = Leg {
+            emitted: Vec3::ZERO,
+            next: None,
+            first: First::Nothing,
+            first_distance: f32::INFINITY,
+            arrival: Arrival { density: 0.0 },
+        };
         let mut through = Vec3::ONE;
         for layer in 0..MAX_LAYERS {
             *rays += 1;
@@ -155,6 +175,7 @@ impl Kernel<'_> {
             let material = self.world.material(self.scene, hit.triangle);
             let front = wi.dot(at.geometric_normal) < 0.0;
             if layer == 0 {
+                leg.first_distance = hit.t;
                 leg.first = match (front, material.double_sided) {
                     (true, _) => First::Front,
                     (false, true) => First::DoubleSidedBack,
@@ -182,6 +203,8 @@ impl Kernel<'_> {
                     shading_normal: at.shading_normal * side,
                     offset: at.offset,
                 };
+                let cos = -wi.dot(vertex.shading_normal);
+                leg.arrival = Arrival { density: pdf * cos.max(0.0) / (travelled * travelled) };
                 let reflectance = through * shade.albedo * (reflecting / (1.0 - chance));
                 leg.next = (reflectance != Vec3::ZERO).then_some((vertex, reflectance));
                 return leg;
@@ -207,4 +230,7 @@ struct Leg {
     /// Where light was reflected and by how much, or `None` if it left or was absorbed.
     next: Option<(Vertex, Rgb)>,
     first: First,
+    first_distance: f32,
+    /// How likely the place of the reflection was found.
+    arrival: Arrival,
 }

@@ -1,0 +1,110 @@
+//! Learns which beams of light are worth following: see [`crate::light::beams`].
+
+use crate::light::beams::Beams;
+use crate::sample::{Sequence, sequence};
+use crate::transport::{Kernel, Vertex};
+use glam::Vec3A;
+use rayon::prelude::*;
+
+/// Random numbers of the pilot belong to this domain; see [`sequence::key`].
+const DOMAIN: u64 = 0x5049;
+
+/// Beams sent through each cell.
+const BEAMS: u32 = 4;
+
+/// Receivers each of them is connected to.
+const RECEIVERS: usize = 4;
+
+/// Weighs the cells of all lights' beams by what they bring to `receivers`; `None` if the scene has
+/// neither suns nor lamps, or nobody receives.
+#[must_use]
+pub fn learn(kernel: &Kernel<'_>, receivers: &[Vertex], seed: u64) -> Option<Beams> {
+    let (suns, punctual) = (&kernel.lights.suns, &kernel.lights.punctual);
+    // The corners of the bounding cube lie within this distance.
+    let radius = kernel.world.radius * 3f32.sqrt();
+    let even = Beams::even(suns.len(), punctual.len(), radius);
+    if even.is_empty() || receivers.is_empty() || radius <= 0.0 {
+        return None;
+    }
+    let pilot = Kernel { beams: Some(&even), ..*kernel };
+    let scores: Vec<f64> = (0..even.len())
+        .into_par_iter()
+        .map(|cell| {
+            let mut score = 0.0;
+            for k in 0..BEAMS {
+                let mut s = Sequence::new(sequence::key(seed, DOMAIN, cell as u64), k);
+                let [a, b, c, d] = s.next4();
+                let beam = even.beam(suns, punctual, cell, [a, b], [c, d]);
+                let Some(light) = pilot.land(&beam, &mut s, &mut 0) else { continue };
+                let chosen: Vec<Vertex> = (0..RECEIVERS)
+                    .map(|_| {
+                        let u = s.next4()[0];
+                        #[expect(
+                            clippy::cast_possible_truncation,
+                            clippy::cast_sign_loss,
+                            reason = "an index"
+                        )]
+                        let i = (u * receivers.len() as f32) as usize;
+                        receivers[i.min(receivers.len() - 1)]
+                    })
+                    .collect();
+                score += pilot.worth(&light, &chosen);
+            }
+            score
+        })
+        .collect();
+    Some(even.learnt(&smooth(&scores, even.side())))
+}
+
+/// Cells borrow from their neighbours and single great scores are cut: with this few beams in a cell
+/// its own score is a rough guess, and a cell that is chosen too rarely costs more than one that is
+/// chosen too often.
+fn smooth(scores: &[f64], side: usize) -> Vec<f64> {
+    let positive: Vec<f64> = scores.iter().copied().filter(|s| 0.0 < *s).collect();
+    let mean = positive.iter().sum::<f64>() / positive.len().max(1) as f64;
+    let cut: Vec<f64> = scores.iter().map(|s| s.min(20.0 * mean)).collect();
+    (0..scores.len())
+        .map(|i| {
+            let (light, within) = (i / (side * side), i % (side * side));
+            let (x, y) = (within % side, within / side);
+            let mut sum = 0.0;
+            let mut n = 0.0;
+            for v in y.saturating_sub(1)..(y + 2).min(side) {
+                for u in x.saturating_sub(1)..(x + 2).min(side) {
+                    sum += cut[(light * side + v) * side + u];
+                    n += 1.0;
+                }
+            }
+            // The root tempers the differences: light that matters to few receivers still matters.
+            (0.5 * cut[i] + 0.5 * sum / n).sqrt()
+        })
+        .collect()
+}
+
+/// Some thousand points spread over the scene's surfaces by area, on their front sides.
+#[must_use]
+pub fn receivers(kernel: &Kernel<'_>, wanted: impl Fn(usize) -> bool, seed: u64) -> Vec<Vertex> {
+    let world = kernel.world;
+    #[expect(clippy::cast_possible_truncation, reason = "fewer than 2^32 triangles")]
+    let area = |t: usize| {
+        if wanted(world.surface[t] as usize) { f64::from(world.area(t as u32)) } else { 0.0 }
+    };
+    let Some(cdf) = crate::sample::discrete::Cdf::new((0..world.triangles.len()).map(area)) else {
+        return Vec::new();
+    };
+    (0..4096u32)
+        .filter_map(|i| {
+            let u = Sequence::new(sequence::key(seed, DOMAIN, u64::MAX), i).next4();
+            let (t, _) = cdf.sample(u[0]);
+            let bary = crate::sample::warp::square_to_triangle([u[1], u[2]]);
+            #[expect(clippy::cast_possible_truncation, reason = "fewer than 2^32 triangles")]
+            let at = world.point(kernel.scene, t as u32, bary);
+            (at.geometric_normal != Vec3A::ZERO).then_some(Vertex {
+                position: at.position,
+                geometric_normal: at.geometric_normal,
+                shading_normal: at.shading_normal,
+                offset: at.offset,
+            })
+        })
+        .collect()
+}

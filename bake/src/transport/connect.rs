@@ -1,0 +1,152 @@
+//! Connecting path vertices to where a beam of light landed: see [`crate::light::beams`].
+
+use crate::geom::Ray;
+use crate::light::beams::{Beam, Source};
+use crate::light::punctual::Incident;
+use crate::sample::Sequence;
+use crate::sample::warp::cos_hemisphere_pdf;
+use crate::scene::model::Rgb;
+use crate::transport::path::{Kernel, Vertex};
+use glam::{Vec3, Vec3A};
+use std::f32::consts::FRAC_1_PI;
+
+/// Transparent layers that a beam may cross.
+const MAX_LAYERS: u32 = 64;
+
+/// Where a beam landed and what it makes shine there.
+#[derive(Clone, Copy, Debug)]
+pub struct LightVertex {
+    vertex: Vertex,
+    /// Radiance that the place reflects of the beam's light, nits; not yet divided by `density`.
+    radiance: Rgb,
+    /// Density per area of beams of this light at the place.
+    density: f32,
+}
+
+/// Between two vertices of a path: density per area at the second with which the first one's
+/// directions find it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Arrival {
+    pub(crate) density: f32,
+}
+
+impl Kernel<'_> {
+    /// Sends a beam and finds where it lands; `None` if it leaves the scene or is absorbed.
+    pub(crate) fn beam(&self, sequence: &mut Sequence, rays: &mut u32) -> Option<LightVertex> {
+        let beams = self.beams?;
+        let [a, b, c, _] = sequence.next4();
+        let [d, e, _, _] = sequence.next4();
+        let beam = beams.sample(&self.lights.suns, &self.lights.punctual, [a, b, c], [d, e])?;
+        self.land(&beam, sequence, rays)
+    }
+
+    /// Follows a beam to where its light is reflected first.
+    pub(crate) fn land(&self, beam: &Beam, sequence: &mut Sequence, rays: &mut u32) -> Option<LightVertex> {
+        let beams = self.beams?;
+        let mut ray = Ray { origin: beam.origin, direction: beam.direction, t_max: f32::INFINITY };
+        let mut through = Vec3::ONE;
+        for _ in 0..MAX_LAYERS {
+            *rays += 1;
+            let hit = self.closest(&ray)?;
+            let at = self.world.point(self.scene, hit.triangle, hit.bary);
+            let shade = self.world.shade(self.scene, hit.triangle, hit.bary);
+            let front = ray.direction.dot(at.geometric_normal) < 0.0;
+            let active = front || self.world.material(self.scene, hit.triangle).double_sided;
+            let passing = shade.pass.max_element();
+            let reflecting = if active { shade.cover } else { 0.0 };
+            if passing + reflecting <= 0.0 {
+                return None;
+            }
+            let chance = passing / (passing + reflecting);
+            if 0.0 < chance && (1.0 <= chance || sequence.next4()[0] < chance) {
+                through *= shade.pass / chance;
+                let beyond = if front { -at.offset } else { at.offset };
+                ray.origin = at.position + at.geometric_normal * beyond;
+                continue;
+            }
+            let side = if front { 1.0 } else { -1.0 };
+            let vertex = Vertex {
+                position: at.position,
+                geometric_normal: at.geometric_normal * side,
+                shading_normal: at.shading_normal * side,
+                offset: at.offset,
+            };
+            let light = self.incident(beam, at.position)?;
+            let cos = light.wi.dot(vertex.shading_normal);
+            if cos <= 0.0 {
+                return None;
+            }
+            let reflected = through * shade.albedo * (reflecting / (1.0 - chance));
+            let radiance = light.illuminance * reflected * (cos * FRAC_1_PI);
+            let density = beams.area_density(&self.lights.suns, beam.source, &light, at.position, cos);
+            return (radiance != Vec3::ZERO && 0.0 < density).then_some(LightVertex {
+                vertex,
+                radiance,
+                density,
+            });
+        }
+        None
+    }
+
+    fn incident(&self, beam: &Beam, p: Vec3A) -> Option<Incident> {
+        match beam.source {
+            Source::Punctual(i) => self.lights.punctual[i].incident(p),
+            Source::Sun(i) => {
+                let sun = &self.lights.suns[i];
+                Some(Incident { wi: -beam.direction, ..sun.sample([0.5; 2]) })
+            }
+        }
+    }
+
+    /// `E / pi` that `to` receives by reflection at the place where the beam landed, weighed against
+    /// finding that place by chance, nits.
+    pub(crate) fn connect(&self, to: &Vertex, light: &LightVertex, rays: &mut u32) -> Rgb {
+        let d = light.vertex.position - to.position;
+        let distance2 = d.length_squared();
+        let distance = distance2.sqrt();
+        let wi = d / distance;
+        let (receiver, reflector) = (wi.dot(to.shading_normal), -wi.dot(light.vertex.shading_normal));
+        if !(0.0 < receiver && 0.0 < reflector && wi.is_finite()) {
+            return Vec3::ZERO;
+        }
+        // What a diffuse reflector sends is seen only from in front of its plane.
+        if -wi.dot(light.vertex.geometric_normal) <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let geometry = reflector / distance2;
+        let by_chance = cos_hemisphere_pdf(receiver) * geometry;
+        let factor = cos_hemisphere_pdf(receiver) * geometry / (light.density + by_chance);
+        if factor <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let seen = self.transmittance(to, wi, distance - 2.0 * light.vertex.offset, rays);
+        light.radiance * seen * factor
+    }
+
+    /// Weight of finding by chance that light from `source` lands at `vertex`, against connecting to a
+    /// beam.
+    pub(crate) fn chance_weight(
+        &self,
+        arrival: Option<Arrival>,
+        vertex: &Vertex,
+        source: Source,
+        light: &Incident,
+    ) -> f32 {
+        let (Some(beams), Some(arrival)) = (self.beams, arrival) else { return 1.0 };
+        let cos = light.wi.dot(vertex.shading_normal);
+        let beam = beams.area_density(&self.lights.suns, source, light, vertex.position, cos.max(0.0));
+        let weight = arrival.density / (arrival.density + beam);
+        if weight.is_finite() { weight } else { 1.0 }
+    }
+
+    /// How much a beam brings to receivers, for the pilot: mean luminance of the connections with the
+    /// density they would have with all cells alike.
+    pub(crate) fn worth(&self, light: &LightVertex, receivers: &[Vertex]) -> f64 {
+        let mut rays = 0;
+        let sum: f64 = receivers
+            .iter()
+            .map(|r| f64::from(crate::geom::world::luminance(self.connect(r, light, &mut rays))))
+            .sum();
+        sum / receivers.len().max(1) as f64
+    }
+}
