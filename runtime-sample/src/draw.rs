@@ -1,14 +1,15 @@
 //! A small software rasteriser: lightmap times base colour plus emission.
 
-use glam::{Vec2, Vec3};
+use glam::{DVec2, DVec3, Vec2, Vec3};
 use image::{Rgb, RgbImage};
+use tables::format::manifest::Sky;
 
-use crate::load::{Camera, Page, Scene, Triangle};
+use crate::load::{Bake, Camera, Page, Scene, Triangle};
 
 /// Rows of the picture.
 const HEIGHT: u16 = 540;
 /// Distance in front of the camera where triangles are cut, in parts of the scene's extent.
-const NEAR: f32 = 1e-5;
+const NEAR: f32 = 1e-4;
 /// Samples per pixel along each axis.
 const FINE: u16 = 2;
 
@@ -37,7 +38,7 @@ struct Canvas {
 }
 
 /// Draws the scene; radiance is multiplied by `exposure` and tone mapped.
-pub(crate) fn draw(scene: &Scene, pages: &[Page], camera: Camera, exposure: f32) -> RgbImage {
+pub(crate) fn draw(scene: &Scene, bake: &Bake, camera: Camera, exposure: f32) -> RgbImage {
     let tan = (0.5 * camera.yfov).tan();
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to 1 to 8 heights")]
     let width = (f32::from(HEIGHT) * camera.aspect.clamp(0.125, 8.0)).round() as u32;
@@ -49,16 +50,35 @@ pub(crate) fn draw(scene: &Scene, pages: &[Page], camera: Camera, exposure: f32)
         color: vec![Vec3::ZERO; w * h],
         half: Vec2::new(tan * camera.aspect, tan),
     };
+    canvas.background(&bake.manifest.sky, camera);
     let extent =
         scene.triangles.iter().flat_map(|t| t.positions).map(|p| p.abs().max_element()).fold(0.0, f32::max);
     for t in &scene.triangles {
         let seen = t.positions.map(|p| camera.camera_from_world.transform_point3(p));
-        canvas.triangle(scene, pages, t, seen, NEAR * extent);
+        canvas.triangle(scene, &bake.pages, t, seen, NEAR * extent);
     }
     resolve(&canvas, width, exposure)
 }
 
 impl Canvas {
+    /// Fills the picture with the sky; an image of it is no part of the folder and stays black.
+    fn background(&mut self, sky: &Sky, camera: Camera) {
+        let world_from_camera = camera.camera_from_world.inverse();
+        let size = Vec2::new(self.width as f32, self.height as f32);
+        for (i, color) in self.color.iter_mut().enumerate() {
+            let at = Vec2::new((i % self.width) as f32, (i / self.width) as f32) + 0.5;
+            let p = (at / size * 2.0 - 1.0) * self.half;
+            let up = world_from_camera.transform_vector3(Vec3::new(p.x, -p.y, -1.0)).normalize_or_zero().y;
+            *color = match sky {
+                Sky::Black | Sky::Image { .. } => Vec3::ZERO,
+                Sky::Uniform { radiance } => Vec3::from(*radiance),
+                Sky::Gradient { zenith, horizon, ground } => {
+                    Vec3::from(*horizon).lerp(Vec3::from(if up < 0.0 { *ground } else { *zenith }), up.abs())
+                }
+            };
+        }
+    }
+
     /// Cuts a triangle at the near plane and fills what is left.
     fn triangle(&mut self, scene: &Scene, pages: &[Page], t: &Triangle, seen: [Vec3; 3], near: f32) {
         let material = &scene.materials[t.material];
@@ -83,10 +103,11 @@ impl Canvas {
     }
 
     fn fill(&mut self, corners: [Corner; 3], shade: &impl Fn(&Corner) -> Vec3) {
-        let size = Vec2::new(self.width as f32, self.height as f32);
+        // Corners near the camera lie far outside of the picture: in f32 their edges would miss it by texels.
+        let size = DVec2::new(self.width as f64, self.height as f64);
         let screen = corners.map(|c| {
-            let p = c.at.truncate() / -c.at.z / self.half;
-            (Vec2::new(p.x, -p.y) * 0.5 + 0.5) * size
+            let p = c.at.truncate().as_dvec2() / -f64::from(c.at.z) / self.half.as_dvec2();
+            (DVec2::new(p.x, -p.y) * 0.5 + 0.5) * size
         });
         let [a, b, c] = screen;
         let area = (b - a).perp_dot(c - a);
@@ -96,18 +117,18 @@ impl Canvas {
         let (lo, hi) = (a.min(b).min(c), a.max(b).max(c));
         for y in span(lo.y, hi.y, self.height) {
             for x in span(lo.x, hi.x, self.width) {
-                let p = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-                let w = Vec3::new((c - b).perp_dot(p - b), (a - c).perp_dot(p - c), (b - a).perp_dot(p - a))
+                let p = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
+                let w = DVec3::new((c - b).perp_dot(p - b), (a - c).perp_dot(p - c), (b - a).perp_dot(p - a))
                     / area;
                 if w.min_element() < 0.0 {
                     continue;
                 }
                 // 1/z is linear on the screen, and so is everything divided by z.
-                let over = Vec3::from(corners.map(|c| -1.0 / c.at.z)) * w;
-                let depth = 1.0 / over.element_sum();
+                let over = DVec3::from(corners.map(|c| -1.0 / f64::from(c.at.z))) * w;
+                let distance = 1.0 / over.element_sum();
+                let (w, depth) = ((over * distance).as_vec3(), single(distance));
                 let i = y * self.width + x;
                 if depth < self.depth[i] {
-                    let w = over * depth;
                     let mix = |f: fn(&Corner) -> Vec2| {
                         f(&corners[0]) * w.x + f(&corners[1]) * w.y + f(&corners[2]) * w.z
                     };
@@ -136,10 +157,15 @@ fn clip(corners: [Corner; 3], near: f32) -> Vec<Corner> {
     kept
 }
 
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the result")]
+fn single(x: f64) -> f32 {
+    x as f32
+}
+
 /// Whole samples that the interval from `lo` to `hi` touches.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the picture")]
-fn span(lo: f32, hi: f32, n: usize) -> std::ops::Range<usize> {
-    let end = n as f32;
+fn span(lo: f64, hi: f64, n: usize) -> std::ops::Range<usize> {
+    let end = n as f64;
     (lo.floor().clamp(0.0, end) as usize)..(hi.ceil().clamp(0.0, end) as usize)
 }
 

@@ -46,7 +46,7 @@ fn run(args: &Args) -> Result<()> {
     let Some(path) = &args.screenshot else { return Ok(()) };
     let scene = load::Scene::open(&args.dir.join("scene.glb"), bake.pages.len())?;
     let camera = scene.camera(args.camera)?;
-    let picture = draw::draw(&scene, &bake.pages, camera, args.exposure.unwrap_or_else(|| bake.exposure()));
+    let picture = draw::draw(&scene, &bake, camera, args.exposure.unwrap_or_else(|| bake.exposure()));
     picture.save(path).with_context(|| format!("{}: cannot write", path.display()))
 }
 

@@ -406,7 +406,7 @@ mod tests {
         let mut lathe = Shape::default();
         let profile = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].map(Vec2::from);
         lathe.lathe(&profile, 64);
-        assert!((volume(&lathe) / 3.1416 - 1.0).abs() < 0.01);
+        assert!((volume(&lathe) / std::f32::consts::PI - 1.0).abs() < 0.01);
         for s in [cuboid, sphere, inward] {
             normals_agree_with_faces(&s);
         }

@@ -102,6 +102,7 @@ pub fn judge(cases: &[Case], relative: f64) -> Result<(), String> {
 }
 
 #[cfg(test)]
+#[expect(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use super::*;
 

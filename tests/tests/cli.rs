@@ -1,5 +1,7 @@
 //! Exit codes and words of the command line.
 
+#![expect(clippy::unwrap_used, reason = "a test may panic")]
+
 use std::{collections::BTreeMap, fs, path::Path, thread, time::Duration};
 
 use suite::{

@@ -1,5 +1,7 @@
 //! Geometry that breaks careless code: every value is finite and not negative, and right where it is known.
 
+#![expect(clippy::unwrap_used, reason = "a test may panic")]
+
 use glam::{DVec3, Vec3};
 use suite::{
     baked::Baked,

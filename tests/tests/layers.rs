@@ -1,5 +1,7 @@
 //! Modules use only modules before them, and the runtime sample knows nothing of the baker.
 
+#![expect(clippy::unwrap_used, reason = "a test may panic")]
+
 use std::{
     fs,
     path::{Path, PathBuf},
