@@ -6,7 +6,7 @@
 //! Transport Simulation", 1997, eq. 9.8) weighs the two.
 
 use crate::geom::{Bvh, Hit, Ray, World};
-use crate::light::{Beams, Lights};
+use crate::light::{Beams, Lights, SkyGuide};
 use crate::sample::Sequence;
 use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
 use crate::scene::model::{Rgb, Scene};
@@ -43,6 +43,9 @@ pub struct Kernel<'a> {
     /// Paths from the lights that every vertex connects to; without them light is found from the
     /// receiver alone.
     pub beams: Option<&'a Beams>,
+    /// Directions in which the sky is seen; without them the sky is found by chance alone, unless it
+    /// is an image.
+    pub sky_guide: Option<&'a SkyGuide>,
 }
 
 /// Where a path starts or turns.
@@ -164,9 +167,8 @@ impl Kernel<'_> {
         for layer in 0..MAX_LAYERS {
             *rays += 1;
             let Some(hit) = self.closest(&ray) else {
-                let sky = &self.lights.sky;
-                let weight = if sky.is_sampled() { pdf / (pdf + sky.pdf(wi)) } else { 1.0 };
-                leg.emitted += through * sky.radiance(wi) * weight;
+                let other = self.sky_density(from, wi);
+                leg.emitted += through * self.lights.sky.radiance(wi) * (pdf / (pdf + other));
                 return leg;
             };
             travelled += hit.t;
