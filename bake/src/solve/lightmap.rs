@@ -254,7 +254,8 @@ fn receiver(kernel: &Kernel<'_>, triangle: u32, bary: [f32; 3], side: Side) -> O
 /// cell). A cell is hidden if more than half of its first rays meet the back of a one-sided surface,
 /// or if all of them meet backs and not one brings light. Rays that meet a back here and there are
 /// ordinary: one-sided surfaces are black from behind and stay in the mean. If every cell is
-/// hidden, all samples stay and the texel says so.
+/// hidden, all samples stay and the texel says so. The samples that are judged are those of the
+/// estimate, so texels at the limit are judged differently with other seeds and sample counts.
 fn keep_visible(samples: &mut Vec<Sample>) -> Validity {
     let backs = samples.iter().filter(|s| is_back(s)).count();
     if backs * 20 < samples.len() {

@@ -2,7 +2,7 @@
 //!
 //! What is estimated is `E / pi`, the mean of incident radiance over the cosine-weighted
 //! hemisphere. Emission is found in two ways, by choosing points on emitters and by directions that
-//! happen to hit them; the balance heuristic ([Vea97] Veach, "Robust Monte Carlo Methods for Light
+//! happen to hit them; the balance heuristic (\[Vea97\] Veach, "Robust Monte Carlo Methods for Light
 //! Transport Simulation", 1997, eq. 9.8) weighs the two.
 
 use crate::geom::{Bvh, Hit, Ray, World};
