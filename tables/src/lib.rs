@@ -1,4 +1,4 @@
-//! The bottom of the toolchain: units, numeric guards and file formats.
+//! The bottom of the toolchain: conventions, numeric guards and file formats.
 //!
 //! Nothing here knows a scene. Conventions that every crate shares:
 //!

@@ -6,13 +6,13 @@ use crate::cli::say::{self, Interrupt, Style};
 use crate::cli::stopwatch::Stopwatch;
 use crate::error::{Error, Finding};
 use crate::geom::texel::TexelMap;
-use crate::light::Beams;
 use crate::output::folder::Staging;
 use crate::output::page::{Page, PageStats};
 use crate::output::{assemble, exr, preview, record, scene_glb, view};
 use crate::plan::{self, Plan};
 use crate::solve::accumulate::Gate;
-use crate::solve::{Monitor, lightmap, pilot};
+use crate::solve::pilot::{self, Learnt};
+use crate::solve::{Monitor, lightmap};
 use crate::transport::Kernel;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -128,8 +128,8 @@ impl Job<'_> {
             monitor: Monitor::default(),
         };
         self.style.stage("plan", &announce(self.plan));
-        let beams = beams(self.plan);
-        let kernel = Kernel { beams: beams.as_ref(), ..kernel(self.plan) };
+        let learnt = learn(self.plan);
+        let kernel = learnt.guide(kernel(self.plan));
         self.watch.lap("pilot");
         for number in 0..atlas.pages.len() {
             let map = TexelMap::build(self.plan.scene(), atlas, number);
@@ -201,15 +201,15 @@ pub(crate) fn effort(plan: &Plan, samples: u32, seed: u64) -> lightmap::Effort {
     lightmap::Effort { samples, seed, texel_size: plan.atlas().texels_per_metre.recip() }
 }
 
-/// Which beams of light a plan's bake follows.
-pub(crate) fn beams(plan: &Plan) -> Option<Beams> {
+/// What a pilot learns of a plan's lights.
+pub(crate) fn learn(plan: &Plan) -> Learnt {
     let kernel = kernel(plan);
     let placed = |s: usize| plan.atlas().placements[s].is_some();
     let receivers = pilot::receivers(&kernel, placed, plan.settings().seed);
-    pilot::learn(&kernel, &receivers, plan.settings().seed)
+    Learnt::new(&kernel, &receivers, plan.settings().seed)
 }
 
-/// The kernel that a plan calls for, without beams.
+/// The kernel that a plan calls for, before anything is learnt.
 pub(crate) fn kernel(plan: &Plan) -> Kernel<'_> {
     let t = plan.tracing();
     Kernel {
@@ -219,6 +219,7 @@ pub(crate) fn kernel(plan: &Plan) -> Kernel<'_> {
         lights: &t.lights,
         bounces: plan.settings().bounces,
         beams: None,
+        sky_guide: None,
     }
 }
 

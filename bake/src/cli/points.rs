@@ -7,8 +7,9 @@ use crate::cli::input;
 use crate::cli::say::{self, Interrupt, Style};
 use crate::error::{Error, Finding};
 use crate::plan::{self, Quality, Tracing};
+use crate::solve::Monitor;
+use crate::solve::pilot::Learnt;
 use crate::solve::points::{self, Until};
-use crate::solve::{Monitor, pilot};
 use crate::transport::Kernel;
 use glam::Vec3;
 use serde_json::{Value, json};
@@ -45,11 +46,12 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
         lights: &tracing.lights,
         bounces: args.bounces.or(input.run.bounces),
         beams: None,
+        sky_guide: None,
     };
     let seed = args.seed.or(input.run.seed).unwrap_or(0);
     let receivers: Vec<_> = points.iter().map(|&(p, n)| points::place(&kernel, p, n)).collect();
-    let beams = pool.install(|| pilot::learn(&kernel, &receivers, seed));
-    let kernel = Kernel { beams: beams.as_ref(), ..kernel };
+    let learnt = pool.install(|| Learnt::new(&kernel, &receivers, seed));
+    let kernel = learnt.guide(kernel);
     let total = match until {
         Until::Samples(n) => u64::from(n) * points.len() as u64,
         Until::Error { .. } => 0,

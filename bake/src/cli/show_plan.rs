@@ -3,14 +3,13 @@
 #![expect(clippy::print_stdout, reason = "the plan is the command's result")]
 
 use crate::cli::args::PlanArgs;
-use crate::cli::bake_run::{beams, effort, kernel};
+use crate::cli::bake_run::{effort, kernel, learn};
 use crate::cli::input;
 use crate::cli::say::{self, Interrupt, Style};
 use crate::error::Error;
 use crate::geom::texel::TexelMap;
 use crate::plan::{self, Plan};
 use crate::solve::{Monitor, lightmap};
-use crate::transport::Kernel;
 use serde_json::{Value, json};
 use std::process::ExitCode;
 use std::time::Instant;
@@ -47,8 +46,8 @@ struct Cost {
 impl Cost {
     /// Counts the texels and times a few paths in texels spread over all pages.
     fn measure(plan: &Plan) -> Result<Self, Error> {
-        let beams = beams(plan);
-        let kernel = Kernel { beams: beams.as_ref(), ..kernel(plan) };
+        let learnt = learn(plan);
+        let kernel = learnt.guide(kernel(plan));
         let (mut covered, mut seconds, mut paths) = (0u64, 0.0, 0u64);
         for page in 0..plan.atlas().pages.len() {
             let map = TexelMap::build(plan.scene(), plan.atlas(), page);

@@ -1,7 +1,7 @@
 //! Test that two noisy images have the same expectation.
 //!
 //! Each side gives a mean and its standard error per texel and channel (Welch's statistic; for
-//! images: Jung, Hanika, Dachsbacher, "Detecting bias in Monte Carlo renderers using Welch's
+//! images: \[JHD20\] Jung, Hanika, Dachsbacher, "Detecting bias in Monte Carlo renderers using Welch's
 //! t-test", JCGT 9(2), 2020). Three questions are asked at a third of alpha each:
 //!
 //! 1. Is the largest |z| of all too large? Sidak's correction for their number.

@@ -7,7 +7,7 @@ use tables::format::manifest::{Manifest, Page as ManifestPage, Timings};
 use super::*;
 use crate::output::{exr, folder::Staging, page::Page};
 
-/// SplitMix64's output function (Steele, Lea, Flood 2014).
+/// SplitMix64's output function (\[SLF14\]).
 fn mix(mut x: u64) -> u64 {
     x = (x ^ x >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);

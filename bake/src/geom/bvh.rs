@@ -1,6 +1,6 @@
 //! Bounding volume hierarchy: built by `obvhs`, traversed here.
 //!
-//! The traversal is conservative (slab distances are widened by their rounding error, [Ize13]
+//! The traversal is conservative (slab distances are widened by their rounding error, \[Ize13\]
 //! Ize, "Robust BVH Ray Traversal", JCGT 2(2), 2013) and the triangle test watertight, so that a
 //! closed mesh lets no ray through. Ties in distance go to the lower triangle index, so results do
 //! not depend on the tree.
@@ -61,7 +61,7 @@ impl Boundable for Boxed {
 /// Deeper than any tree that obvhs builds over fewer than 2^32 triangles.
 const STACK: usize = 128;
 
-/// Widens the far slab distance by its rounding error: [Ize13] section 3.
+/// Widens the far slab distance by its rounding error: \[Ize13\] section 3.
 const WIDEN: f32 = 1.000_000_4;
 
 impl Bvh {

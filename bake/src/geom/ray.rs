@@ -1,6 +1,6 @@
 //! Rays, and the watertight test of a ray against a triangle.
 //!
-//! [WBW13] Woop, Benthin & Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013.
+//! \[WBW13\] Woop, Benthin & Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013.
 
 use glam::{Vec3, Vec3A};
 
@@ -26,7 +26,7 @@ pub struct Hit {
     pub bary: [f32; 3],
 }
 
-/// A ray prepared for [`WatertightRay::intersect`]: [WBW13] section 3.
+/// A ray prepared for [`WatertightRay::intersect`]: \[WBW13\] section 3.
 #[derive(Clone, Copy, Debug)]
 pub struct WatertightRay {
     origin: [f32; 3],

@@ -117,10 +117,10 @@ impl World {
     /// Lifts a point of a smooth surface off its facets onto the surface they stand for.
     ///
     /// A facet's point, shaded with the smooth normal, would see the neighbouring facets as a
-    /// jagged horizon. Hanika, "Hacking the Shadow Terminator", Ray Tracing Gems II, chapter 4:
-    /// the point is moved towards where the tangent planes of the corners put it. We go half the way,
-    /// which is exact on quadrics; the chapter goes all of it. Concave places keep their position,
-    /// flat ones too.
+    /// jagged horizon. \[Han21\] Hanika, "Hacking the Shadow Terminator", Ray Tracing Gems II, chapter
+    /// 4: the point is moved towards where the tangent planes of the corners put it. We go half the
+    /// way, which is exact on quadrics; the chapter goes all of it. Concave places keep their
+    /// position, flat ones too.
     #[must_use]
     pub fn lifted(&self, scene: &Scene, triangle: u32, bary: [f32; 3], at: &SurfacePoint) -> Vec3A {
         let (surface, local) = self.locate(triangle);

@@ -5,6 +5,7 @@ pub mod beams;
 pub mod emitters;
 pub mod punctual;
 pub mod sky;
+pub mod sky_guide;
 
 use crate::geom::World;
 use crate::scene::model::{LightKind, LightMode, Scene};
@@ -12,6 +13,7 @@ pub use beams::Beams;
 pub use emitters::Emitters;
 pub use punctual::{Punctual, Sun};
 pub use sky::SkyLight;
+pub use sky_guide::SkyGuide;
 
 /// The lights of a scene, ready to be sampled. Dynamic lights are left out.
 #[derive(Clone, Debug)]

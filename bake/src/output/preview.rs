@@ -37,7 +37,7 @@ pub fn auto_exposure(colors: impl Iterator<Item = [f32; 3]>) -> f32 {
 /// Linear light to sRGB bytes: `x = exposure * colour`, `y = x (1 + x / w^2) / (1 + x)` in each
 /// channel with `w = 12`, then the sRGB curve.
 ///
-/// This is Reinhard et al., "Photographic tone reproduction for digital images", 2002, eq. 4, on
+/// This is \[Rei02\] Reinhard et al., "Photographic tone reproduction for digital images", eq. 4, on
 /// channels instead of luminance, so that bright lights go towards white. NaN becomes black.
 #[must_use]
 pub fn tone_map(color: [f32; 3], exposure: f32) -> [u8; 3] {

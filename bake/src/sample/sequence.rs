@@ -1,6 +1,6 @@
 //! Owen-scrambled Sobol points, padded in sets of four dimensions.
 //!
-//! [Bur20] Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020; the points themselves
+//! \[Bur20\] Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020; the points themselves
 //! come from the crate `sobol_burley`.
 
 /// Sets of four dimensions that are drawn from the Sobol sequence. Deeper ones are plain hashes:
@@ -10,7 +10,8 @@ const SOBOL_SETS: u32 = 16;
 /// Longest run of `sobol_burley`; beyond it a new scramble starts.
 const RUN: u32 = 1 << 16;
 
-/// 64-bit finaliser (the variant 13 of Stafford's list that `SplitMix64` uses).
+/// 64-bit finaliser: the output function of `SplitMix64` (\[SLF14\] Steele, Lea & Flood, "Fast
+/// Splittable Pseudorandom Number Generators", 2014, with Stafford's constants, variant 13).
 #[must_use]
 pub const fn mix64(mut x: u64) -> u64 {
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -18,7 +19,8 @@ pub const fn mix64(mut x: u64) -> u64 {
     x ^ (x >> 31)
 }
 
-/// Key of one texel, probe or point: every sequence drawn with another key is independent.
+/// Key of one texel or point within a domain (a page, or a set of points). Sequences drawn with
+/// different keys have different scrambles, but for one pair in 2^32.
 #[must_use]
 pub const fn key(seed: u64, domain: u64, index: u64) -> u64 {
     mix64(mix64(mix64(seed ^ 0x9e37_79b9_7f4a_7c15).wrapping_add(domain)).wrapping_add(index))

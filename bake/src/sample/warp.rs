@@ -5,7 +5,7 @@ use std::f32::consts::{FRAC_1_PI, PI};
 
 /// Concentric map of the unit square to the unit disc, uniform by area.
 ///
-/// Shirley & Chiu, "A low distortion map between disk and square", JGT 2(3), 1997.
+/// \[SC97\] Shirley & Chiu, "A low distortion map between disk and square", JGT 2(3), 1997.
 #[must_use]
 pub fn square_to_disc(u: [f32; 2]) -> [f32; 2] {
     let (a, b) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
@@ -46,7 +46,8 @@ pub fn square_to_cone(u: [f32; 2], one_minus_cos: f32) -> Vec3A {
 }
 
 /// Barycentric coordinates uniform over a triangle, by folding the unit square along its diagonal
-/// in a way that keeps stratification: Heitz, "A Low-Distortion Map Between Triangle and Square", 2019.
+/// in a way that keeps stratification: \[Hei19\] Heitz, "A Low-Distortion Map Between Triangle and
+/// Square", 2019.
 #[must_use]
 pub fn square_to_triangle(u: [f32; 2]) -> [f32; 3] {
     let (mut a, mut b) = (u[0], u[1]);
@@ -62,7 +63,7 @@ pub fn square_to_triangle(u: [f32; 2]) -> [f32; 3] {
 
 /// Right-handed orthonormal frame around a unit vector.
 ///
-/// Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017.
+/// \[Duf17\] Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame {
     /// First tangent.

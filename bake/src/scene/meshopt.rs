@@ -1,4 +1,4 @@
-//! `EXT_meshopt_compression`: checked before the decoder sees it.
+//! `EXT_meshopt_compression` and its successor `KHR_meshopt_compression`: checked before the decoder sees it.
 
 use bytemuck::{cast_slice, pod_collect_to_vec};
 

@@ -19,6 +19,9 @@ const CHUNK: usize = 32;
 /// Random numbers of lightmaps belong to this domain and the page; see [`sequence::key`].
 const DOMAIN: u64 = 0x4c4d;
 
+/// Those of the rays that look around from a texel.
+const PROBE: u64 = 0x4c50;
+
 /// What one texel received.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Texel {
@@ -141,15 +144,10 @@ struct Id {
     crack: f32,
 }
 
-/// One path's result and where in the texel it started.
+/// One path's result.
 struct Sample {
     direct: Rgb,
     indirect: Rgb,
-    first: First,
-    /// Whether the first ray met a front side nearby: nearer than a texel's neighbourhood, so that
-    /// what lies between is a crack and no room.
-    crack: bool,
-    place: [f32; 2],
 }
 
 fn texel(
@@ -161,30 +159,38 @@ fn texel(
     gate: &mut Gate,
     rays: &mut u64,
 ) -> Texel {
-    gather(kernel, sampler, id, n, Side::Front, scratch, gate, rays);
-    if !scratch.is_empty() && scratch.iter().all(sees_nothing) {
+    let coverage = sampler.coverage();
+    let mut visible = probe(kernel, sampler, id, Side::Front, rays);
+    gather(kernel, sampler, id, n, Side::Front, &visible, scratch, gate, rays);
+    if !scratch.is_empty() && scratch.iter().all(is_dark) && visible.void {
         // A sheet that shows its back to the room, as many files have them: if it is double-sided and
         // its front faces the void, the back is what anybody will see.
+        let back = probe(kernel, sampler, id, Side::BackOfDoubleSided, rays);
         let front = std::mem::take(scratch);
-        gather(kernel, sampler, id, n, Side::BackOfDoubleSided, scratch, gate, rays);
-        if scratch.iter().all(sees_nothing) {
+        gather(kernel, sampler, id, n, Side::BackOfDoubleSided, &back, scratch, gate, rays);
+        if scratch.iter().all(is_dark) {
             *scratch = front;
+        } else {
+            visible = back;
         }
     }
-    let coverage = sampler.coverage();
     if scratch.is_empty() {
         // The triangle has no area in the world: there is nothing to light.
         return Texel { coverage, validity: Validity::Hidden, ..Texel::default() };
     }
-    let validity = keep_visible(scratch);
+    let validity = match visible.validity {
+        // Only what is dark can be the inside of a body: light finds its way under a tent.
+        Validity::Valid if visible.void && scratch.iter().all(is_dark) => Validity::Enclosed,
+        Validity::Enclosed if !scratch.iter().all(is_dark) => Validity::Valid,
+        validity => validity,
+    };
     let (mean, std_err) = mean_and_error(scratch.iter().map(|s| s.direct + s.indirect));
     let (direct, _) = mean_and_error(scratch.iter().map(|s| s.direct));
     Texel { direct, indirect: (mean - direct).max(Vec3::ZERO), std_err, coverage, validity }
 }
 
-/// No light, and no front side of anything in view but across a crack.
-fn sees_nothing(s: &Sample) -> bool {
-    (s.first != First::Front || s.crack) && s.direct + s.indirect == Vec3::ZERO
+fn is_dark(s: &Sample) -> bool {
+    s.direct + s.indirect == Vec3::ZERO
 }
 
 /// Which side of a surface is gathered.
@@ -201,6 +207,7 @@ fn gather(
     id: Id,
     n: u32,
     side: Side,
+    visible: &Visible,
     scratch: &mut Vec<Sample>,
     gate: &mut Gate,
     rays: &mut u64,
@@ -211,17 +218,14 @@ fn gather(
         let mut sequence = Sequence::new(key, i);
         let [a, b, c, d] = sequence.next4();
         let on = sampler.sample([a, b]);
+        if !visible.at(on.uv.to_array()) {
+            continue;
+        }
         let Some(vertex) = receiver(kernel, on.triangle, on.bary, side) else { continue };
         let e = kernel.estimate(&vertex, [c, d], &mut sequence);
         *rays += u64::from(e.rays);
         let at = Rejected { page: id.page, texel: id.texel, sample: i };
-        scratch.push(Sample {
-            direct: gate.admit(e.direct, at),
-            indirect: gate.admit(e.indirect, at),
-            first: e.first,
-            crack: e.first_distance < id.crack,
-            place: on.uv.to_array(),
-        });
+        scratch.push(Sample { direct: gate.admit(e.direct, at), indirect: gate.admit(e.indirect, at) });
     }
 }
 
@@ -248,66 +252,97 @@ fn receiver(kernel: &Kernel<'_>, triangle: u32, bary: [f32; 3], side: Side) -> O
     }
 }
 
-/// Drops the samples of those parts of the texel that lie inside other geometry.
-///
-/// The texel is divided into as many cells as the samples can tell apart (at least eight to a
-/// cell). A cell is hidden if more than half of its first rays meet the back of a one-sided surface,
-/// or if all of them meet backs and not one brings light. Rays that meet a back here and there are
-/// ordinary: one-sided surfaces are black from behind and stay in the mean. If every cell is
-/// hidden, all samples stay and the texel says so.
-fn keep_visible(samples: &mut Vec<Sample>) -> Validity {
-    let backs = samples.iter().filter(|s| is_back(s)).count();
-    if backs * 20 < samples.len() {
-        return Validity::Valid;
-    }
-    let side = match samples.len() {
-        0..32 => 1,
-        32..128 => 2,
-        _ => 4,
-    };
-    let mut cells = [Cell::default(); 16];
-    let cell = |s: &Sample| cell_index(s.place, side);
-    for s in samples.iter() {
-        let c = &mut cells[cell(s)];
-        c.all += 1;
-        c.back += u32::from(s.first == First::Back);
-        c.any_back += u32::from(is_back(s));
-        c.lit |= s.direct + s.indirect != Vec3::ZERO;
-    }
-    if cells.iter().any(|c| 0 < c.all && c.validity() == Validity::Valid) {
-        samples.retain(|s| cells[cell(s)].validity() == Validity::Valid);
-        return Validity::Valid;
-    }
-    if cells.iter().any(|c| 0 < c.all && c.validity() == Validity::Enclosed) {
-        Validity::Enclosed
-    } else {
-        Validity::Hidden
+/// Rays that look around from each texel before it is gathered. If one of them meets a back, the
+/// second number of rays tells which parts of the texel are hidden.
+const LOOKS: [u32; 2] = [16, 64];
+
+/// Cells along a texel's side among which hidden parts are told apart: 16 rays to each.
+const SIDE: usize = 2;
+
+/// Which parts of a texel lie in the open.
+struct Visible {
+    cells: [bool; SIDE * SIDE],
+    validity: Validity,
+    /// Every ray met a back, nothing, or a front across a crack.
+    void: bool,
+}
+
+impl Visible {
+    fn at(&self, place: [f32; 2]) -> bool {
+        self.cells[cell_index(place)]
     }
 }
 
-fn is_back(s: &Sample) -> bool {
-    matches!(s.first, First::Back | First::DoubleSidedBack)
+/// Looks around from a texel, to find parts that lie inside other geometry. The rays are the same
+/// whatever the seed and the number of samples, so that these do not decide which texels count.
+///
+/// A cell is hidden if more than half of its rays meet the back of a one-sided surface, or if all of
+/// them meet backs. Backs here and there are ordinary: one-sided surfaces are black from behind and
+/// stay in the mean. If every cell is hidden, all stay and the texel says so.
+fn probe(kernel: &Kernel<'_>, sampler: &TexelSampler, id: Id, side: Side, rays: &mut u64) -> Visible {
+    let key = sequence::key(0, PROBE + id.page as u64, u64::from(id.texel));
+    let mut cells = [Cell::default(); SIDE * SIDE];
+    let mut void = true;
+    let mut backs = 0;
+    let mut from = 0;
+    for until in LOOKS {
+        for i in from..until {
+            let [a, b, c, d] = Sequence::new(key, i).next4();
+            let on = sampler.sample([a, b]);
+            let Some(vertex) = receiver(kernel, on.triangle, on.bary, side) else { continue };
+            *rays += 1;
+            let (first, distance) = kernel.look(&vertex, [c, d]);
+            let cell = &mut cells[cell_index(on.uv.to_array())];
+            cell.all += 1;
+            cell.one_sided += u32::from(first == First::Back);
+            let back = matches!(first, First::Back | First::DoubleSidedBack);
+            cell.back += u32::from(back);
+            backs += u32::from(back);
+            void &= first != First::Front || distance < id.crack;
+        }
+        from = until;
+        if backs == 0 {
+            break;
+        }
+    }
+    Visible::new(&cells, void)
+}
+
+impl Visible {
+    fn new(cells: &[Cell; SIDE * SIDE], void: bool) -> Self {
+        let states = cells.map(|c| c.validity());
+        let any = |v| cells.iter().zip(states).any(|(c, s)| 0 < c.all && s == v);
+        let validity = if any(Validity::Valid) {
+            Validity::Valid
+        } else if any(Validity::Enclosed) {
+            Validity::Enclosed
+        } else {
+            Validity::Hidden
+        };
+        let all = validity != Validity::Valid;
+        Self { cells: states.map(|s| all || s == Validity::Valid), validity, void }
+    }
 }
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the grid")]
-fn cell_index(place: [f32; 2], side: usize) -> usize {
-    let k = |x: f32| ((x * side as f32).max(0.0) as usize).min(side - 1);
-    k(place[1]) * side + k(place[0])
+fn cell_index(place: [f32; 2]) -> usize {
+    let k = |x: f32| ((x * SIDE as f32).max(0.0) as usize).min(SIDE - 1);
+    k(place[1]) * SIDE + k(place[0])
 }
 
+/// What the rays from one part of a texel met.
 #[derive(Clone, Copy, Default)]
 struct Cell {
     all: u32,
+    one_sided: u32,
     back: u32,
-    any_back: u32,
-    lit: bool,
 }
 
 impl Cell {
     fn validity(&self) -> Validity {
-        if self.all < 2 * self.back {
+        if self.all < 2 * self.one_sided {
             Validity::Hidden
-        } else if self.any_back == self.all && !self.lit {
+        } else if self.back == self.all && 0 < self.all {
             Validity::Enclosed
         } else {
             Validity::Valid
@@ -319,37 +354,25 @@ impl Cell {
 mod tests {
     use super::*;
 
-    fn samples(n: u16, back: impl Fn(f32) -> First) -> Vec<Sample> {
-        (0..n)
-            .map(|i| {
-                let place = [(f32::from(i) + 0.5) / f32::from(n), f32::from(i % 16) / 16.0];
-                let first = back(place[0]);
-                let light = if first == First::Front { Vec3::ONE } else { Vec3::ZERO };
-                Sample { direct: light, indirect: Vec3::ZERO, first, crack: false, place }
-            })
-            .collect()
+    fn cell(all: u32, one_sided: u32, double_sided: u32) -> Cell {
+        Cell { all, one_sided, back: one_sided + double_sided }
     }
 
     #[test]
     fn the_part_under_another_body_is_left_out() {
-        for back in [First::Back, First::DoubleSidedBack] {
-            let mut s = samples(256, |x| if x < 0.5 { back } else { First::Front });
-            assert_eq!(keep_visible(&mut s), Validity::Valid);
-            assert_eq!(s.len(), 128);
-            assert!(s.iter().all(|s| 0.5 <= s.place[0]));
+        for hidden in [cell(16, 16, 0), cell(16, 9, 0), cell(16, 0, 16)] {
+            let v = Visible::new(&[hidden, cell(16, 0, 0), hidden, cell(16, 3, 0)], false);
+            assert_eq!(v.validity, Validity::Valid);
+            assert_eq!(v.cells, [false, true, false, true]);
+            assert!(!v.at([0.2, 0.2]) && v.at([0.9, 0.2]));
         }
     }
 
     #[test]
-    fn a_few_backs_are_ordinary_and_stay() {
-        let mut s = samples(100, |x| if x < 0.04 { First::Back } else { First::Front });
-        assert_eq!(keep_visible(&mut s), Validity::Valid);
-        assert_eq!(s.len(), 100);
-    }
-
-    #[test]
     fn wholly_hidden_texels_say_so() {
-        assert_eq!(keep_visible(&mut samples(64, |_| First::Back)), Validity::Hidden);
-        assert_eq!(keep_visible(&mut samples(64, |_| First::DoubleSidedBack)), Validity::Enclosed);
+        let all = |c| Visible::new(&[c, c, c, Cell::default()], true);
+        assert_eq!(all(cell(16, 16, 0)).validity, Validity::Hidden);
+        assert_eq!(all(cell(16, 0, 16)).validity, Validity::Enclosed);
+        assert!(all(cell(16, 16, 0)).cells.iter().all(|c| *c), "all stay where none is better");
     }
 }

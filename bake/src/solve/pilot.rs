@@ -1,9 +1,12 @@
-//! Learns which beams of light are worth following: see [`crate::light::beams`].
+//! Learns which beams of light are worth following ([`crate::light::beams`]) and where the sky is seen
+//! ([`crate::light::sky_guide`]).
 
+use crate::geom::world::luminance;
 use crate::light::beams::Beams;
+use crate::light::sky_guide::{DIRECTIONS, Regions, SkyGuide, region_key};
 use crate::sample::{Sequence, sequence};
 use crate::transport::{Kernel, Vertex};
-use glam::Vec3A;
+use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 
 /// Random numbers of the pilot belong to this domain; see [`sequence::key`].
@@ -12,13 +15,38 @@ const DOMAIN: u64 = 0x5049;
 /// Beams sent through each cell.
 const BEAMS: u32 = 4;
 
+/// Points that stand for the surfaces of a scene.
+const RECEIVER_POINTS: u32 = 1 << 14;
+
 /// Receivers each of them is connected to.
 const RECEIVERS: usize = 4;
 
+/// What a pilot learnt.
+#[derive(Clone, Debug, Default)]
+pub struct Learnt {
+    /// Beams of suns and lamps.
+    pub beams: Option<Beams>,
+    /// Directions of the sky.
+    pub sky_guide: Option<SkyGuide>,
+}
+
+impl Learnt {
+    /// Learns for the given receivers, from `kernel` without its beams and guide.
+    #[must_use]
+    pub fn new(kernel: &Kernel<'_>, receivers: &[Vertex], seed: u64) -> Self {
+        Self { beams: beams(kernel, receivers, seed), sky_guide: sky_guide(kernel, receivers, seed) }
+    }
+
+    /// `kernel` with what was learnt.
+    #[must_use]
+    pub fn guide<'a>(&'a self, kernel: Kernel<'a>) -> Kernel<'a> {
+        Kernel { beams: self.beams.as_ref(), sky_guide: self.sky_guide.as_ref(), ..kernel }
+    }
+}
+
 /// Weighs the cells of all lights' beams by what they bring to `receivers`; `None` if the scene has
 /// neither suns nor lamps, or nobody receives.
-#[must_use]
-pub fn learn(kernel: &Kernel<'_>, receivers: &[Vertex], seed: u64) -> Option<Beams> {
+fn beams(kernel: &Kernel<'_>, receivers: &[Vertex], seed: u64) -> Option<Beams> {
     let (suns, punctual) = (&kernel.lights.suns, &kernel.lights.punctual);
     // The corners of the bounding cube lie within this distance.
     let radius = kernel.world.radius * 3f32.sqrt();
@@ -54,6 +82,53 @@ pub fn learn(kernel: &Kernel<'_>, receivers: &[Vertex], seed: u64) -> Option<Bea
         })
         .collect();
     Some(even.learnt(&smooth(&scores, even.side())))
+}
+
+/// Most receivers that look at the sky from one region.
+const LOOKOUTS: usize = 6;
+
+/// Looks at the sky from the receivers of each region, in every direction once.
+fn sky_guide(kernel: &Kernel<'_>, receivers: &[Vertex], seed: u64) -> Option<SkyGuide> {
+    let sky = &kernel.lights.sky;
+    if sky.is_black() || sky.is_sampled() {
+        return None;
+    }
+    let world = kernel.world;
+    let (lo, hi) = world
+        .triangles
+        .iter()
+        .flatten()
+        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), v| (lo.min(*v), hi.max(*v)));
+    let regions = Regions::new(lo, hi)?;
+    let mut lookouts = vec![Vec::new(); regions.len()];
+    for r in receivers {
+        let list = &mut lookouts[regions.of(r.position)];
+        if list.len() < LOOKOUTS {
+            list.push(*r);
+        }
+    }
+    let scores: Vec<Vec<f64>> = lookouts
+        .par_iter()
+        .enumerate()
+        .map(|(region, list)| {
+            let mut scores = vec![0.0; DIRECTIONS];
+            for (k, from) in list.iter().enumerate() {
+                for (cell, score) in scores.iter_mut().enumerate() {
+                    let key = region_key(seed, (region * DIRECTIONS + cell) as u64);
+                    #[expect(clippy::cast_possible_truncation, reason = "a small number")]
+                    let u = Sequence::new(key, k as u32).next4();
+                    let wi = SkyGuide::direction(cell, [u[0], u[1]]);
+                    let cos = wi.dot(from.shading_normal);
+                    if 0.0 < cos {
+                        let seen = kernel.transmittance(from, wi, f32::INFINITY, &mut 0);
+                        *score += f64::from(luminance(seen * sky.radiance(wi)) * cos);
+                    }
+                }
+            }
+            scores
+        })
+        .collect();
+    SkyGuide::new(regions, scores)
 }
 
 /// Cells borrow from their neighbours and single great scores are cut: with this few beams in a cell
@@ -92,7 +167,7 @@ pub fn receivers(kernel: &Kernel<'_>, wanted: impl Fn(usize) -> bool, seed: u64)
     let Some(cdf) = crate::sample::discrete::Cdf::new((0..world.triangles.len()).map(area)) else {
         return Vec::new();
     };
-    (0..4096u32)
+    (0..RECEIVER_POINTS)
         .filter_map(|i| {
             let u = Sequence::new(sequence::key(seed, DOMAIN, u64::MAX), i).next4();
             let (t, _) = cdf.sample(u[0]);

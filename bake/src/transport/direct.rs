@@ -39,7 +39,7 @@ impl Kernel<'_> {
             sum += self.punctual(vertex, receiver, arrival, a, rays);
             sum += self.emitters(vertex, b, [c, d], rays);
         }
-        if !lights.suns.is_empty() || lights.sky.is_sampled() {
+        if !lights.suns.is_empty() || lights.sky.is_sampled() || self.sky_guide.is_some() {
             let [a, b, c, d] = sequence.next4();
             for (i, sun) in lights.suns.iter().enumerate() {
                 if receiver && sun.indirect_only {
@@ -130,13 +130,31 @@ impl Kernel<'_> {
     }
 
     fn sky(&self, vertex: &Vertex, u: [f32; 2], rays: &mut u32) -> Rgb {
-        let Some(s) = self.lights.sky.sample(u) else { return Vec3::ZERO };
-        let cos = s.wi.dot(vertex.shading_normal);
-        if cos <= 0.0 || s.pdf_solid_angle <= 0.0 {
+        let Some((wi, pdf)) = self.sky_direction(vertex, u) else { return Vec3::ZERO };
+        let cos = wi.dot(vertex.shading_normal);
+        let radiance = self.lights.sky.radiance(wi);
+        if cos <= 0.0 || pdf <= 0.0 || radiance == Vec3::ZERO {
             return Vec3::ZERO;
         }
-        let seen = self.transmittance(vertex, s.wi, f32::INFINITY, rays);
-        s.radiance * seen * (cos * FRAC_1_PI / (s.pdf_solid_angle + cos_hemisphere_pdf(cos)))
+        let seen = self.transmittance(vertex, wi, f32::INFINITY, rays);
+        radiance * seen * (cos * FRAC_1_PI / (pdf + cos_hemisphere_pdf(cos)))
+    }
+
+    /// A direction towards the sky and its density per steradian: by the pixels of an image, else by
+    /// what the pilot learnt.
+    fn sky_direction(&self, vertex: &Vertex, u: [f32; 2]) -> Option<(Vec3A, f32)> {
+        if let Some(s) = self.lights.sky.sample(u) {
+            return Some((s.wi, s.pdf_solid_angle));
+        }
+        self.sky_guide?.sample(vertex.position, u)
+    }
+
+    /// Density per steradian with which next-event estimation at `vertex` chooses the direction `wi`.
+    pub(crate) fn sky_density(&self, vertex: &Vertex, wi: Vec3A) -> f32 {
+        if self.lights.sky.is_sampled() {
+            return self.lights.sky.pdf(wi);
+        }
+        self.sky_guide.map_or(0.0, |g| g.pdf(vertex.position, wi))
     }
 
     /// What is left of light along a segment after everything it crosses: 0 behind an opaque surface.

@@ -2,11 +2,11 @@
 //!
 //! What is estimated is `E / pi`, the mean of incident radiance over the cosine-weighted
 //! hemisphere. Emission is found in two ways, by choosing points on emitters and by directions that
-//! happen to hit them; the balance heuristic ([Vea97] Veach, "Robust Monte Carlo Methods for Light
+//! happen to hit them; the balance heuristic (\[Vea97\] Veach, "Robust Monte Carlo Methods for Light
 //! Transport Simulation", 1997, eq. 9.8) weighs the two.
 
 use crate::geom::{Bvh, Hit, Ray, World};
-use crate::light::{Beams, Lights};
+use crate::light::{Beams, Lights, SkyGuide};
 use crate::sample::Sequence;
 use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
 use crate::scene::model::{Rgb, Scene};
@@ -43,6 +43,9 @@ pub struct Kernel<'a> {
     /// Paths from the lights that every vertex connects to; without them light is found from the
     /// receiver alone.
     pub beams: Option<&'a Beams>,
+    /// Directions in which the sky is seen; without them the sky is found by chance alone, unless it
+    /// is an image.
+    pub sky_guide: Option<&'a SkyGuide>,
 }
 
 /// Where a path starts or turns.
@@ -65,15 +68,11 @@ pub struct Estimate {
     pub direct: Rgb,
     /// Light that was reflected at least once, `E / pi`, nits.
     pub indirect: Rgb,
-    /// What the first ray met, for telling points inside geometry from others.
-    pub first: First,
-    /// How far away that was, metres.
-    pub first_distance: f32,
     /// Rays traced, shadow rays included.
     pub rays: u32,
 }
 
-/// What the first ray of a path met.
+/// What a ray that looks around met.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum First {
     /// The sky.
@@ -121,7 +120,6 @@ impl Kernel<'_> {
             let leg = self.follow(&vertex, wi, sequence, &mut out.rays);
             if depth == 0 {
                 out.direct = direct + leg.emitted;
-                (out.first, out.first_distance) = (leg.first, leg.first_distance);
             } else {
                 out.indirect += throughput * (direct + leg.emitted);
             }
@@ -148,25 +146,35 @@ impl Kernel<'_> {
         out
     }
 
+    /// What a ray from `from` meets in the direction that `u` chooses by cosine, and how far away.
+    #[must_use]
+    pub fn look(&self, from: &Vertex, u: [f32; 2]) -> (First, f32) {
+        let wi = Frame::new(from.shading_normal).to_world(square_to_cos_hemisphere(u));
+        let Some(hit) = self.closest(&from.ray(wi, f32::INFINITY)) else {
+            return (First::Nothing, f32::INFINITY);
+        };
+        let front = wi.dot(self.world.geometric_normal(hit.triangle)) < 0.0;
+        let double_sided = self.world.material(self.scene, hit.triangle).double_sided;
+        let first = match (front, double_sided) {
+            (true, _) => First::Front,
+            (false, true) => First::DoubleSidedBack,
+            (false, false) => First::Back,
+        };
+        (first, hit.t)
+    }
+
     /// Follows a ray through whatever lets light pass, to the next reflection or the sky.
     fn follow(&self, from: &Vertex, wi: Vec3A, sequence: &mut Sequence, rays: &mut u32) -> Leg {
         let pdf = cos_hemisphere_pdf(wi.dot(from.shading_normal));
         let mut ray = from.ray(wi, f32::INFINITY);
         let mut travelled = 0.0;
-        let mut leg = Leg {
-            emitted: Vec3::ZERO,
-            next: None,
-            first: First::Nothing,
-            first_distance: f32::INFINITY,
-            arrival: Arrival { density: 0.0 },
-        };
+        let mut leg = Leg { emitted: Vec3::ZERO, next: None, arrival: Arrival { density: 0.0 } };
         let mut through = Vec3::ONE;
-        for layer in 0..MAX_LAYERS {
+        for _ in 0..MAX_LAYERS {
             *rays += 1;
             let Some(hit) = self.closest(&ray) else {
-                let sky = &self.lights.sky;
-                let weight = if sky.is_sampled() { pdf / (pdf + sky.pdf(wi)) } else { 1.0 };
-                leg.emitted += through * sky.radiance(wi) * weight;
+                let other = self.sky_density(from, wi);
+                leg.emitted += through * self.lights.sky.radiance(wi) * (pdf / (pdf + other));
                 return leg;
             };
             travelled += hit.t;
@@ -174,14 +182,6 @@ impl Kernel<'_> {
             let shade = self.world.shade(self.scene, hit.triangle, hit.bary);
             let material = self.world.material(self.scene, hit.triangle);
             let front = wi.dot(at.geometric_normal) < 0.0;
-            if layer == 0 {
-                leg.first_distance = hit.t;
-                leg.first = match (front, material.double_sided) {
-                    (true, _) => First::Front,
-                    (false, true) => First::DoubleSidedBack,
-                    (false, false) => First::Back,
-                };
-            }
             let active = front || material.double_sided;
             if active && shade.emission != Vec3::ZERO && !material.unlit {
                 let other =
@@ -229,8 +229,6 @@ struct Leg {
     emitted: Rgb,
     /// Where light was reflected and by how much, or `None` if it left or was absorbed.
     next: Option<(Vertex, Rgb)>,
-    first: First,
-    first_distance: f32,
     /// How likely the place of the reflection was found.
     arrival: Arrival,
 }

@@ -1,6 +1,6 @@
 //! Mergeable mean and variance.
 //!
-//! Chan, Golub & LeVeque, "Updating formulae and a pairwise algorithm for computing sample
+//! \[CGL79\] Chan, Golub & LeVeque, "Updating formulae and a pairwise algorithm for computing sample
 //! variances", 1979, eq. 2.1.
 
 /// Count, mean and sum of squared deviations of a stream of numbers.
