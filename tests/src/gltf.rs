@@ -473,6 +473,7 @@ pub fn png(size: u32, alpha: bool, texel: impl Fn(u32, u32) -> [u8; 4]) -> Vec<u
 }
 
 #[cfg(test)]
+#[expect(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use super::*;
 

@@ -2,6 +2,8 @@
 //!
 //! `UPDATE_EXPECT=1 cargo test -p suite --test data` rewrites them.
 
+#![expect(clippy::unwrap_used, reason = "a test may panic")]
+
 use std::{env, fs, path::Path};
 
 use suite::scenes;

@@ -28,6 +28,7 @@ struct Materials {
     floor: Id,
     wood: Id,
     iron: Id,
+    soot: Id,
     carpet: Id,
     blue: Id,
     ochre: Id,
@@ -51,10 +52,10 @@ pub fn hall() -> Vec<u8> {
     cloth(&mut glb, &m);
     side_room(&mut glb, &m);
     lamps(&mut glb, &m);
-    glb.camera("camera", Vec3::new(-5.7, 1.7, 1.35), Vec3::new(1.5, 1.62, -0.75), 55f32.to_radians());
+    glb.camera("camera", Vec3::new(-5.8, 1.7, 0.75), Vec3::new(1.5, 1.72, -0.6), 55f32.to_radians());
     glb.scene_extra(
         "sky",
-        json!({"zenith": [70, 105, 190], "horizon": [260, 225, 200], "ground": [40, 36, 30]}),
+        json!({"zenith": [60, 90, 160], "horizon": [220, 190, 170], "ground": [32, 29, 24]}),
     );
     glb.scene_extra("texels_per_metre", json!(12));
     glb.finish()
@@ -98,6 +99,8 @@ fn materials(glb: &mut Glb) -> Materials {
     let stone = matte("stone", [0.58, 0.54, 0.47]);
     let wood = matte("wood", [0.3, 0.19, 0.11]);
     let iron = matte("iron", [0.2, 0.2, 0.21]);
+    // Next to a lamp even grey metal would outshine the room, and rays find it by chance only.
+    let soot = matte("black iron", [0.04; 3]);
     let carpet = matte("carpet", [0.5, 0.06, 0.05]);
     let clay = matte("clay", [0.52, 0.26, 0.15]);
     let wax = matte("wax", [0.72, 0.68, 0.58]);
@@ -115,6 +118,7 @@ fn materials(glb: &mut Glb) -> Materials {
         stone,
         wood,
         iron,
+        soot,
         carpet,
         blue,
         ochre,
@@ -165,9 +169,15 @@ fn shell(glb: &mut Glb, m: &Materials) {
     };
     let east = Affine3A::from_translation(Vec3::new(6.0, 0.0, 0.0))
         * Affine3A::from_quat(Quat::from_rotation_y(-std::f32::consts::FRAC_PI_2));
-    let [front, back] = door.shapes();
+    let [front, _] = door.shapes();
     place(glb, "wall east", &front.transformed(east).planar_uvs(2.0), m.plaster);
+    // Only what the side room shows of the back gets texels.
+    let [_, back] = ArchedWall { x: [-3.2, 1.2], y: [0.0, 3.0], ..door }.shapes();
     place(glb, "wall east, back", &back.transformed(east).planar_uvs(2.0), m.plaster);
+    for (z0, z1, y0) in [(-4.0, -3.2, 0.0), (1.2, 4.0, 0.0), (-3.2, 1.2, 3.0)] {
+        let at = |y: f32, z: f32| Vec3::new(6.3, y, z);
+        shell.quad([at(y0, z1), at(y0, z0), at(5.0, z0), at(5.0, z1)]);
+    }
 
     // The other two walls have no openings: the inside of a box without its other sides.
     let sides = [true, false, false, false, false, true];
@@ -352,14 +362,13 @@ fn sheet(width: f32, bottom: f32, top: f32, depth: f32, folds: f32) -> Shape {
     s
 }
 
-/// Banners in the southern arcade and a curtain at the last window.
+/// Banners over the altar and in the southern arcade, and a curtain at the last window.
 fn cloth(glb: &mut Glb, m: &Materials) {
-    let banner = sheet(0.95, 1.5, 4.05, 0.05, 2.5);
-    let bay = 0.5 * (COLUMNS[1] + COLUMNS[2]);
-    for (i, (x, material)) in [(bay, m.blue), (8.0 / 3.0, m.ochre)].into_iter().enumerate() {
-        let mesh = glb.mesh("banner", &[(&banner, material)]);
-        glb.node(Node::new(&format!("banner {}", i + 1)).mesh(mesh).at([x, 0.0, ROW]));
-    }
+    let mesh = glb.mesh("banner", &[(&sheet(1.0, 1.75, 4.3, 0.05, 2.5), m.blue)]);
+    let east = Quat::from_rotation_y(-std::f32::consts::FRAC_PI_2);
+    glb.node(Node::new("banner east").mesh(mesh).at([5.9, 0.0, 0.9]).turned(east));
+    let mesh = glb.mesh("banner", &[(&sheet(0.95, 1.5, 4.05, 0.05, 2.5), m.ochre)]);
+    glb.node(Node::new("banner south").mesh(mesh).at([8.0 / 3.0, 0.0, ROW]));
     let mesh = glb.mesh("curtain", &[(&sheet(0.6, 0.9, 3.6, 0.06, 4.0), m.linen)]);
     glb.node(Node::new("curtain").mesh(mesh).at([8.0 / 3.0 + 0.55, 0.0, -3.86]));
 }
@@ -404,25 +413,28 @@ fn side_room(glb: &mut Glb, m: &Materials) {
 fn lamps(glb: &mut Glb, m: &Materials) {
     let at = Vec3::new(3.3, 2.75, 0.0);
     let mut cage = Shape::default();
-    cage.lathe(&[[0.13, 0.15], [0.02, 0.27]].map(Vec2::from), 12);
-    cage.lathe(&[[0.0, 0.15], [0.13, 0.15]].map(Vec2::from), 12);
-    cage.lathe(&[[0.0, -0.17], [0.11, -0.17], [0.11, -0.15], [0.0, -0.15]].map(Vec2::from), 12);
+    cage.lathe(&[[0.2, 0.2], [0.02, 0.36]].map(Vec2::from), 12);
+    // A profile that runs outwards faces down, one that runs inwards up.
+    cage.lathe(&[[0.0, 0.2], [0.2, 0.2]].map(Vec2::from), 12);
+    cage.lathe(&[[0.0, -0.22], [0.16, -0.22]].map(Vec2::from), 12);
+    cage.lathe(&[[0.16, -0.22], [0.16, -0.2]].map(Vec2::from), 12);
+    cage.lathe(&[[0.16, -0.2], [0.0, -0.2]].map(Vec2::from), 12);
     for (x, z) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
-        let (x, z) = (0.07 * x, 0.07 * z);
+        let (x, z) = (0.1 * x, 0.1 * z);
         let sides = [true, true, false, false, true, true];
-        cage.cuboid([x - 0.006, -0.16, z - 0.006], [x + 0.006, 0.16, z + 0.006], sides);
+        cage.cuboid([x - 0.008, -0.21, z - 0.008], [x + 0.008, 0.21, z + 0.008], sides);
     }
-    cage.cuboid([-0.01, 0.25, -0.01], [0.01, 1.98, 0.01], [true, true, false, false, true, true]);
+    cage.cuboid([-0.01, 0.34, -0.01], [0.01, 1.98, 0.01], [true, true, false, false, true, true]);
     cage.cuboid([-0.1, 1.96, -0.1], [0.1, 2.01, 0.1], NO_TOP);
-    let mesh = glb.mesh("lantern", &[(&cage, m.iron)]);
+    let mesh = glb.mesh("lantern", &[(&cage, m.soot)]);
     glb.node(Node::new("lantern").mesh(mesh).at(at));
     // The bulb is what one sees; the light inside it is what lights the hall.
     let mut bulb = Shape::default();
-    bulb.icosphere(0.055, 2, false);
+    bulb.icosphere(0.06, 2, false);
     let mesh = glb.mesh("lantern bulb", &[(&bulb, m.bulb)]);
     let unseen = json!({"lightmap": "off", "casts_shadow": false});
     glb.node(Node::new("lantern bulb").mesh(mesh).at(at).extras(unseen));
-    let light = glb.light("lantern light", Kind::Point, WARM, 220.0);
+    let light = glb.light("lantern light", Kind::Point, WARM, 260.0);
     let mut node = Node::new("lantern light").at(at);
     node.light = Some(light);
     glb.node(node);
@@ -438,7 +450,7 @@ fn lamps(glb: &mut Glb, m: &Materials) {
         glb.node(Node::new(&format!("candle {}", i + 1)).mesh(mesh).at([5.3, 1.3, z]));
     }
 
-    let sun = glb.light("sun", Kind::Directional, [1.0, 0.83, 0.62], 1500.0);
+    let sun = glb.light("sun", Kind::Directional, [1.0, 0.83, 0.62], 900.0);
     let node = Node::new("sun").at([0.0, 12.0, -15.0]).turned(looking(Vec3::new(0.28, -0.62, 0.85)));
     let mut node = node.extras(json!({"angular_diameter": 0.53}));
     node.light = Some(sun);
