@@ -307,7 +307,7 @@ impl ArchedWall {
         }
         for pair in ring.windows(2) {
             let (a, b) = (pair[0], pair[1]);
-            shape.quad([a.extend(0.0), a.extend(back), b.extend(back), b.extend(0.0)]);
+            shape.quad([a.extend(0.0), b.extend(0.0), b.extend(back), a.extend(back)]);
         }
         [shape, behind]
     }
@@ -424,6 +424,11 @@ mod tests {
             pieces: 64,
         };
         let [mut shape, back] = wall.shapes();
+        // Reveals look into the opening: towards its middle.
+        let middle = Vec3::new(2.0, 2.0, -0.25);
+        let reveals = shape.positions.iter().zip(&shape.normals).filter(|(_, n)| n.z.abs() < 0.5);
+        assert!(reveals.clone().all(|(p, n)| 0.0 < (middle - *p).dot(*n)));
+        assert_eq!(reveals.count(), 4 * (64 + 3));
         shape.append(&back);
         normals_agree_with_faces(&shape);
         let area: f32 = shape

@@ -1,3 +1,6 @@
 //! Generated scenes, each as the bytes of a `.glb`.
 
+pub mod closed;
 pub mod hall;
+pub mod hard;
+pub mod open;

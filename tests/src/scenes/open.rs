@@ -1,0 +1,136 @@
+//! A plane with lamps, a sky, or things between them.
+
+use glam::{Quat, Vec3};
+use serde_json::json;
+
+use crate::{
+    gltf::{Glb, Id, Kind, Material, Node, looking, png},
+    shape::{NO_BOTTOM, Shape},
+};
+
+fn floor(glb: &mut Glb, edge: f32, cells: u16, albedo: f32) {
+    let mut s = Shape::default();
+    s.grid(Vec3::new(-0.5, 0.0, 0.5) * edge, Vec3::X * edge, Vec3::NEG_Z * edge, cells, cells);
+    let material = glb.material(&Material::matte("floor", [albedo; 3]));
+    let mesh = glb.mesh("floor", &[(&s, material)]);
+    glb.node(Node::new("floor").mesh(mesh));
+}
+
+fn lamp(glb: &mut Glb, kind: Kind, color: [f32; 3], intensity: f32, node: Node) {
+    let light = glb.light("lamp", kind, color, intensity);
+    glb.node(Node { light: Some(light), ..node });
+}
+
+/// A plane of `edge` metres in `cells` x `cells` quads under a sky of `sky` nits: `E / pi` is the sky everywhere.
+#[must_use]
+pub fn under_sky(edge: f32, cells: u16, sky: [f32; 3]) -> Vec<u8> {
+    let mut glb = Glb::new();
+    floor(&mut glb, edge, cells, 0.5);
+    glb.scene_extra("sky", json!(sky));
+    glb.finish()
+}
+
+/// The same under a gradient that is black at the horizon and `zenith` nits straight up: `E / pi` is `2/3 zenith`.
+#[must_use]
+pub fn under_gradient(edge: f32, zenith: [f32; 3]) -> Vec<u8> {
+    let mut glb = Glb::new();
+    floor(&mut glb, edge, 1, 0.5);
+    glb.scene_extra("sky", json!({"zenith": zenith, "horizon": [0, 0, 0], "ground": [0, 0, 0]}));
+    glb.finish()
+}
+
+/// A plane of 4 m with a point light of `candela` at `height` metres above its middle.
+#[must_use]
+pub fn under_point(height: f32, candela: [f32; 3]) -> Vec<u8> {
+    let mut glb = Glb::new();
+    floor(&mut glb, 4.0, 1, 0.5);
+    let most = candela.into_iter().fold(f32::MIN_POSITIVE, f32::max);
+    lamp(&mut glb, Kind::Point, candela.map(|c| c / most), most, Node::new("lamp").at([0.0, height, 0.0]));
+    glb.finish()
+}
+
+/// The same with a spot that looks straight down; half angles in radians.
+#[must_use]
+pub fn under_spot(height: f32, candela: f32, inner: f32, outer: f32) -> Vec<u8> {
+    let mut glb = Glb::new();
+    floor(&mut glb, 4.0, 1, 0.5);
+    let node = Node::new("lamp").at([0.0, height, 0.0]).turned(looking(Vec3::NEG_Y));
+    lamp(&mut glb, Kind::Spot { inner, outer }, [1.0; 3], candela, node);
+    glb.finish()
+}
+
+/// The same under a sun of `lux` that shines along `direction`, `angular_diameter` in degrees.
+#[must_use]
+pub fn under_sun(lux: f32, direction: Vec3, angular_diameter: f32) -> Vec<u8> {
+    let mut glb = Glb::new();
+    floor(&mut glb, 4.0, 1, 0.5);
+    let node = Node::new("sun").turned(looking(direction));
+    let node = node.extras(json!({"angular_diameter": angular_diameter}));
+    lamp(&mut glb, Kind::Directional, [1.0; 3], lux, node);
+    glb.finish()
+}
+
+/// A box of 1 m that stands on a plane of 4 m, under a uniform sky of 1 nit.
+#[must_use]
+pub fn box_on_floor() -> Vec<u8> {
+    let mut glb = Glb::new();
+    floor(&mut glb, 4.0, 1, 0.5);
+    let white = glb.material(&Material::matte("box", [0.5; 3]));
+    let mut s = Shape::default();
+    s.cuboid([-0.5, 0.0, -0.5], [0.5, 1.0, 0.5], NO_BOTTOM);
+    let mesh = glb.mesh("box", &[(&s, white)]);
+    glb.node(Node::new("box").mesh(mesh).turned(Quat::from_rotation_y(0.3)));
+    glb.scene_extra("sky", json!([1, 1, 1]));
+    glb.finish()
+}
+
+fn pane(glb: &mut Glb, material: Id) {
+    let mut s = Shape::default();
+    let at = |x: f32, z: f32| Vec3::new(x, 1.0, z);
+    s.quad([at(-1.0, 1.0), at(1.0, 1.0), at(1.0, -1.0), at(-1.0, -1.0)]);
+    let mesh = glb.mesh("pane", &[(&s.corner_uvs(), material)]);
+    glb.node(Node::new("pane").mesh(mesh).extras(json!({"lightmap": "off"})));
+}
+
+/// A sun of pi lux straight above a black plane of 4 m, and 1 m over its middle a pane of 2 m with a checker of
+/// `cells` x `cells` (up to 64), opaque and cut out: below the holes `E / pi` is 1, below the rest 0.
+#[must_use]
+pub fn masked_pane(cells: u32) -> Vec<u8> {
+    let mut glb = Glb::new();
+    floor(&mut glb, 4.0, 1, 0.0);
+    // Many texels a cell, so that interpolation moves no edge.
+    let size = cells * 16;
+    let checker =
+        png(size, true, |x, y| if (x / 16 + y / 16).is_multiple_of(2) { [0, 0, 0, 255] } else { [0; 4] });
+    let texture = glb.texture(&checker);
+    let mut material = Material::matte("pane", Vec3::ONE).textured(texture).double_sided();
+    material.mask = Some(0.5);
+    let material = glb.material(&material);
+    pane(&mut glb, material);
+    lamp(
+        &mut glb,
+        Kind::Directional,
+        [1.0; 3],
+        std::f32::consts::PI,
+        Node::new("sun").turned(looking(Vec3::NEG_Y)),
+    );
+    glb.finish()
+}
+
+/// The same with a pane of glass that lets `transmission * tint` through.
+#[must_use]
+pub fn glass_pane(transmission: f32, tint: [f32; 3]) -> Vec<u8> {
+    let mut glb = Glb::new();
+    floor(&mut glb, 4.0, 1, 0.0);
+    let glass = Material { transmission, ..Material::matte("glass", tint).double_sided() };
+    let material = glb.material(&glass);
+    pane(&mut glb, material);
+    lamp(
+        &mut glb,
+        Kind::Directional,
+        [1.0; 3],
+        std::f32::consts::PI,
+        Node::new("sun").turned(looking(Vec3::NEG_Y)),
+    );
+    glb.finish()
+}

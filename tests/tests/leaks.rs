@@ -1,0 +1,67 @@
+//! Light stays where it belongs.
+
+use glam::{DVec3, Vec2, Vec3};
+use suite::{
+    baked::Baked,
+    scenes::{closed, open},
+    tool,
+};
+
+#[test]
+fn nothing_passes_a_wall() {
+    for thickness in [0.0f32, 0.001, 0.02, 0.1, 0.3] {
+        let baked =
+            tool::baked(&closed::two_rooms(thickness), &["--samples", "64", "--texels-per-metre", "9"]);
+        let lit = baked.node_means()["lit room"][0].max_element();
+        assert!(1.0 < lit, "wall of {thickness} m: the lit room has only {lit} nits");
+        let dark = f64::from(baked.node_max("dark room"));
+        assert!(dark <= 1e-3 * lit, "wall of {thickness} m: {dark} nits in the dark, {lit} in the light");
+    }
+}
+
+#[test]
+fn behind_an_opaque_wall_it_is_exactly_black() {
+    let baked = tool::baked(&closed::lamp_in_a_box(), &["--samples", "16", "--texels-per-metre", "5"]);
+    assert!(baked.triangles.iter().any(|t| t.node == "floor"));
+    for c in ["R", "G", "B"] {
+        assert!(baked.pages[0].channels[c].iter().all(|&v| v == 0.0), "channel {c}");
+    }
+}
+
+/// Texture coordinates of a point of the floor.
+fn floor_uv(baked: &Baked, at: Vec3) -> Option<Vec2> {
+    baked.triangles.iter().filter(|t| t.node == "floor").find_map(|t| {
+        let [a, b, c] = t.positions;
+        let area = (b - a).cross(c - a);
+        let part = |p: Vec3, q: Vec3| (q - p).cross(at - p).dot(area) / area.length_squared();
+        let w = Vec3::new(part(b, c), part(c, a), part(a, b));
+        (-1e-5 <= w.min_element()).then(|| t.uvs[0] * w.x + t.uvs[1] * w.y + t.uvs[2] * w.z)
+    })
+}
+
+#[test]
+fn a_box_on_the_floor_has_no_dark_rim() {
+    let baked = tool::baked(&open::box_on_floor(), &["--samples", "256", "--texels-per-metre", "11"]);
+    let turn = glam::Quat::from_rotation_y(0.3);
+    // What stands on a plane hides at most half of the sky, and sends back a part of what it hides.
+    let least = 0.5;
+    let outside = |p: DVec3| {
+        let local = turn.inverse() * p.as_vec3();
+        0.5 < local.x.abs().max(local.z.abs())
+    };
+    let clear = baked
+        .cases(|piece| piece.node == "floor" && piece.points.iter().all(|p| outside(p.0)), |_, _| DVec3::ONE);
+    assert!(3 * 1000 < clear.len());
+    for c in &clear {
+        assert!(least - 5.0 * c.std_err <= c.got && c.got <= 1.02 + 5.0 * c.std_err, "{c:?}");
+    }
+    // A millimetre beside the box the interpolated picture must not show what lies under it.
+    for i in 0..400u16 {
+        let along = f32::from(i % 100) / 99.0 - 0.5;
+        let side = glam::Quat::from_rotation_y(std::f32::consts::FRAC_PI_2 * f32::from(i / 100));
+        let at = turn * (side * Vec3::new(0.501, 0.0, along));
+        let uv = floor_uv(&baked, at).unwrap_or_else(|| panic!("{at} is not on the floor"));
+        let value = baked.bilinear(uv);
+        assert!(least - 0.08 <= f64::from(value.min_element()), "{value} at {at}");
+    }
+}

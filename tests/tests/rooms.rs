@@ -1,0 +1,56 @@
+//! Irradiance at points against independently computed values.
+
+use std::fs;
+
+use serde_json::Value;
+use suite::tool;
+
+fn numbers(v: &Value) -> [f64; 3] {
+    std::array::from_fn(|i| v[i].as_f64().unwrap_or(f64::NAN))
+}
+
+fn check(name: &str) {
+    let Some(shared) = suite::shared(name) else { return };
+    let rooms = shared.join("oracles/rooms");
+    let oracle: Value =
+        serde_json::from_slice(&fs::read(rooms.join(format!("{name}.json"))).unwrap()).unwrap();
+    let scene = rooms.join(format!("{name}.glb"));
+    let dir = tempfile::tempdir().unwrap();
+    let wanted = oracle["points"].as_array().unwrap();
+    let asked: Vec<Value> = wanted
+        .iter()
+        .map(|p| serde_json::json!({"position": p["position"], "normal": p["normal"]}))
+        .collect();
+    fs::write(dir.path().join("points.json"), serde_json::json!({ "points": asked }).to_string()).unwrap();
+    let args = ["points", scene.to_str().unwrap(), "points.json", "--progress", "none"];
+    let done = tool::bake(&args, dir.path()).expect(0);
+    let answer: Value = serde_json::from_str(&done.stdout).unwrap_or_else(|e| panic!("{e}\n{done}"));
+    let got = answer["points"].as_array().unwrap();
+    assert_eq!(got.len(), wanted.len());
+    let mut faults = Vec::new();
+    for (i, (g, w)) in got.iter().zip(wanted).enumerate() {
+        assert_eq!(g["position"], w["position"], "order and places are kept");
+        let (value, error) = (numbers(&g["irradiance"]), numbers(&g["std_err"]));
+        let (want, want_error) = (numbers(&w["irradiance"]), numbers(&w["std_err"]));
+        for c in 0..3 {
+            let allowed = 0.01 * want[c] + 3.0 * error[c].hypot(want_error[c]);
+            let off = (value[c] - want[c]).abs();
+            // A comparison with NaN has to fail.
+            if !(off <= allowed) {
+                faults.push(format!("point {i} channel {c}: {} wanted {} +- {allowed}", value[c], want[c]));
+            }
+            assert!(error[c] <= 0.02 * value[c].abs() + 1e-9, "point {i}: standard error {}", error[c]);
+        }
+    }
+    assert!(faults.is_empty(), "{name}\n{}", faults.join("\n"));
+}
+
+#[test]
+fn a_room_with_a_point_light() {
+    check("surface_point");
+}
+
+#[test]
+fn a_cornell_box() {
+    check("surface_cornell");
+}
