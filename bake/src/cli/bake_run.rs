@@ -143,8 +143,7 @@ impl Job<'_> {
             self.watch.lap("sample");
             self.admit(&solution.gate)?;
             baked.gate = baked.gate.merge(solution.gate);
-            let (mut page, filled) = assemble::page(self.plan, &map, solution);
-            drop(map);
+            let (mut page, filled) = assemble::page(self.plan, map, solution);
             exr::write_page(&self.staging.path(&record::page_file(number)), &page)?;
             preview::write_page(&self.staging.path(&record::preview_file(number)), &page)?;
             preview::write_error(&self.staging.path(&record::error_file(number)), &page)?;

@@ -11,10 +11,14 @@ use crate::solve::lightmap::{Solution, Validity};
 /// without light looks the same from inside.
 const ENCLOSED_RINGS: usize = 2;
 
+/// Texels of the solution that are moved into the page before their memory is given back.
+const BATCH: usize = 1 << 16;
+
 /// A page from its solution: every covered texel has its value, hidden ones are filled from their
-/// chart, and charts continue outwards by the plan's padding.
+/// chart, and charts continue outwards by the plan's padding. The solution's memory is given back
+/// while the page's fills.
 #[must_use]
-pub fn page(plan: &Plan, map: &TexelMap, solution: Solution) -> (Page, Filled) {
+pub fn page(plan: &Plan, map: TexelMap, solution: Solution) -> (Page, Filled) {
     let (width, height) = (map.width as usize, map.height as usize);
     let mut page = Page::new(width, height);
     let split = plan.settings().split_direct;
@@ -24,19 +28,26 @@ pub fn page(plan: &Plan, map: &TexelMap, solution: Solution) -> (Page, Filled) {
     }
     let mut charts = vec![NO_CHART; width * height];
     let mut validity = vec![Validity::Valid; width * height];
-    for (index, texel) in solution.texels.iter().enumerate() {
-        let at = map.texels[index] as usize;
-        page.radiance[at] = (texel.direct + texel.indirect).to_array();
-        page.coverage[at] = texel.coverage;
-        page.std_err[at] = texel.std_err.to_array();
-        if let (Some(d), Some(i)) = (&mut page.direct, &mut page.indirect) {
-            d[at] = texel.direct.to_array();
-            i[at] = texel.indirect.to_array();
+    let mut texels = solution.texels;
+    while !texels.is_empty() {
+        // From the end, because only there can a list be shortened in place.
+        let start = texels.len().saturating_sub(BATCH);
+        for (index, texel) in texels.iter().enumerate().skip(start) {
+            let at = map.texels[index] as usize;
+            page.radiance[at] = (texel.direct + texel.indirect).to_array();
+            page.coverage[at] = texel.coverage;
+            page.std_err[at] = texel.std_err.to_array();
+            if let (Some(d), Some(i)) = (&mut page.direct, &mut page.indirect) {
+                d[at] = texel.direct.to_array();
+                i[at] = texel.indirect.to_array();
+            }
+            charts[at] = map.triangles_of(index).first().map_or(NO_CHART, |&t| map.chart(plan.atlas(), t));
+            validity[at] = texel.validity;
         }
-        charts[at] = map.triangles_of(index).first().map_or(NO_CHART, |&t| map.chart(plan.atlas(), t));
-        validity[at] = texel.validity;
+        texels.truncate(start);
+        texels.shrink_to_fit();
     }
-    drop(solution);
+    drop(map);
     let near = near_valid(&validity, &charts, width, height);
     let valid: Vec<bool> = validity
         .iter()
@@ -49,6 +60,7 @@ pub fn page(plan: &Plan, map: &TexelMap, solution: Solution) -> (Page, Filled) {
         .collect();
     drop((validity, near));
     let filled = dilate::fill_invalid(&mut page, &charts, &valid);
+    drop(valid);
     dilate::fill_gutter(&mut page, &charts, plan.settings().padding);
     (page, filled)
 }

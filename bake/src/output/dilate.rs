@@ -50,7 +50,9 @@ pub fn fill_invalid(page: &mut Page, charts: &[u32], valid: &[bool]) -> Filled {
     bright.dedup();
 
     let mut filled = 0;
-    let mut front: Vec<usize> = (0..n).filter(|&i| source[i]).collect();
+    // Only texels beside one that is to be filled can fill it.
+    let beside = |i: usize| grid.neighbours(i).any(|j| !source[j] && charts[j] == charts[i]);
+    let mut front: Vec<usize> = (0..n).filter(|&i| source[i] && beside(i)).collect();
     while !front.is_empty() {
         let wanted = |i: usize, from: usize| !source[i] && charts[i] == charts[from];
         let ring = next_ring(grid, &front, wanted);
@@ -91,23 +93,29 @@ pub fn fill_gutter(page: &mut Page, charts: &[u32], padding: u32) {
     assert!(charts.len() == n, "{n} texels, {} ids", charts.len());
     let grid = Grid { width: page.width, height: page.height };
     // For every filled texel, the covered texel it descends from.
-    let mut origin: Vec<usize> = (0..n).map(|i| if charts[i] == NO_CHART { usize::MAX } else { i }).collect();
-    let mut front: Vec<usize> = (0..n).filter(|&i| charts[i] != NO_CHART).collect();
+    const NONE: u32 = u32::MAX;
+    let id = |i: usize| u32::try_from(i).unwrap_or(NONE);
+    let mut origin: Vec<u32> = (0..n).map(|i| if charts[i] == NO_CHART { NONE } else { id(i) }).collect();
+    // Only texels beside an uncovered one are continued.
+    let beside = |i: usize| grid.neighbours(i).any(|j| charts[j] == NO_CHART);
+    let mut front: Vec<usize> = (0..n).filter(|&i| charts[i] != NO_CHART && beside(i)).collect();
     for _ in 0..padding {
-        let ring = next_ring(grid, &front, |i, _| origin[i] == usize::MAX);
+        let ring = next_ring(grid, &front, |i, _| origin[i] == NONE);
         if ring.is_empty() {
             break;
         }
-        let values: Vec<(usize, Texel)> = ring
+        let values: Vec<(u32, Texel)> = ring
             .par_iter()
             .map(|&i| {
                 let near = grid
                     .neighbours(i)
                     .map(|j| origin[j])
-                    .filter(|&o| o != usize::MAX)
-                    .min_by_key(|&o| (grid.squared_distance(i, o), o))
-                    .unwrap_or(i);
-                let same = |&j: &usize| origin[j] != usize::MAX && charts[origin[j]] == charts[near];
+                    .filter(|&o| o != NONE)
+                    .min_by_key(|&o| (grid.squared_distance(i, o as usize), o))
+                    .unwrap_or(id(i));
+                let same = |&j: &usize| {
+                    origin[j] != NONE && charts[origin[j] as usize] == charts[near as usize]
+                };
                 (near, mean(page, grid.neighbours(i).filter(same), Errors::Drop))
             })
             .collect();
