@@ -50,7 +50,8 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
         say::findings(&plan.findings()[n_loaded..], false);
         watch.lap("unwrap");
         interrupt.check()?;
-        let mut job = Job { plan: &plan, staging: &staging, style, interrupt, strict, watch };
+        let memory = plan.memory(input.document.total_bytes()).peak();
+        let mut job = Job { plan: &plan, staging: &staging, style, interrupt, strict, watch, memory };
         let baked = job.pages()?;
         interrupt.check()?;
         job.scene(&input.document, &baked)?;
@@ -105,6 +106,8 @@ struct Job<'a> {
     interrupt: &'a Interrupt,
     strict: bool,
     watch: Stopwatch,
+    /// Bytes expected at the peak.
+    memory: u64,
 }
 
 /// What the pages left behind.
@@ -130,7 +133,7 @@ impl Job<'_> {
             gate: Gate::default(),
             monitor: Monitor::default(),
         };
-        self.style.stage("plan", &announce(self.plan));
+        self.style.stage("plan", &announce(self.plan, self.memory));
         for number in 0..atlas.pages.len() {
             let map = TexelMap::build(self.plan.scene(), atlas, number);
             self.watch.lap("texels");
@@ -212,7 +215,7 @@ pub(crate) fn kernel(plan: &Plan) -> Kernel<'_> {
     }
 }
 
-fn announce(plan: &Plan) -> String {
+fn announce(plan: &Plan, memory: u64) -> String {
     let atlas = plan.atlas();
     let sizes: Vec<String> =
         atlas.pages.iter().take(4).map(|p| format!("{} x {}", p.width, p.height)).collect();
@@ -224,6 +227,6 @@ fn announce(plan: &Plan) -> String {
         atlas.pages.len(),
         sizes.join(", "),
         plan.settings().samples,
-        say::bytes(plan.memory().peak()),
+        say::bytes(memory),
     )
 }
