@@ -51,7 +51,8 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
         say::findings(&plan.findings()[n_loaded..], false);
         watch.lap("unwrap");
         interrupt.check()?;
-        let mut job = Job { plan: &plan, staging: &staging, style, interrupt, strict, watch };
+        let memory = plan.memory(input.document.total_bytes()).peak();
+        let mut job = Job { plan: &plan, staging: &staging, style, interrupt, strict, watch, memory };
         let baked = job.pages()?;
         interrupt.check()?;
         job.scene(&input.document, &baked)?;
@@ -106,6 +107,8 @@ struct Job<'a> {
     interrupt: &'a Interrupt,
     strict: bool,
     watch: Stopwatch,
+    /// Bytes expected at the peak.
+    memory: u64,
 }
 
 /// What the pages left behind.
@@ -127,10 +130,14 @@ impl Job<'_> {
             gate: Gate::default(),
             monitor: Monitor::default(),
         };
+<<<<<<< HEAD
         self.style.stage("plan", &announce(self.plan));
         let learnt = learn(self.plan);
         let kernel = learnt.guide(kernel(self.plan));
         self.watch.lap("pilot");
+=======
+        self.style.stage("plan", &announce(self.plan, self.memory));
+>>>>>>> mem
         for number in 0..atlas.pages.len() {
             let map = TexelMap::build(self.plan.scene(), atlas, number);
             self.watch.lap("texels");
@@ -222,7 +229,7 @@ pub(crate) fn kernel(plan: &Plan) -> Kernel<'_> {
     }
 }
 
-fn announce(plan: &Plan) -> String {
+fn announce(plan: &Plan, memory: u64) -> String {
     let atlas = plan.atlas();
     let sizes: Vec<String> =
         atlas.pages.iter().take(4).map(|p| format!("{} x {}", p.width, p.height)).collect();
@@ -234,6 +241,6 @@ fn announce(plan: &Plan) -> String {
         atlas.pages.len(),
         sizes.join(", "),
         plan.settings().samples,
-        say::bytes(plan.memory().peak()),
+        say::bytes(memory),
     )
 }

@@ -8,7 +8,7 @@ use crate::cli::input;
 use crate::cli::say::{self, Interrupt, Style};
 use crate::error::Error;
 use crate::geom::texel::TexelMap;
-use crate::plan::{self, Plan};
+use crate::plan::{self, Memory, Plan};
 use crate::solve::{Monitor, lightmap};
 use serde_json::{Value, json};
 use std::process::ExitCode;
@@ -29,11 +29,12 @@ pub(crate) fn run(args: &PlanArgs, interrupt: &Interrupt) -> Result<ExitCode, Er
     let plan =
         pool.install(|| plan::make(input.scene, input.findings, settings, &|_, _| !interrupt.raised()))?;
     let cost = pool.install(|| Cost::measure(&plan))?;
+    let memory = pool.install(|| plan.memory(input.document.total_bytes()));
     if args.json {
-        println!("{:#}", to_json(&plan, &cost));
+        println!("{:#}", to_json(&plan, &cost, &memory));
         return Ok(ExitCode::SUCCESS);
     }
-    print(&plan, &cost, args.explain, units, &lights);
+    print(&plan, &cost, &memory, args.explain, units, &lights);
     Ok(ExitCode::SUCCESS)
 }
 
@@ -69,8 +70,7 @@ impl Cost {
     }
 }
 
-fn to_json(plan: &Plan, cost: &Cost) -> Value {
-    let memory = plan.memory();
+fn to_json(plan: &Plan, cost: &Cost, memory: &Memory) -> Value {
     json!({
         "effects": plan.effects(),
         "settings": plan.settings().to_map(),
@@ -86,7 +86,7 @@ fn to_json(plan: &Plan, cost: &Cost) -> Value {
     })
 }
 
-fn print(plan: &Plan, cost: &Cost, explain: bool, units: &str, lights: &str) {
+fn print(plan: &Plan, cost: &Cost, memory: &Memory, explain: bool, units: &str, lights: &str) {
     println!("what the scene contains");
     for e in plan.effects() {
         println!("  {} {:<28} {}", if e.runs { "runs" } else { "off " }, e.name, e.why);
@@ -109,21 +109,24 @@ fn print(plan: &Plan, cost: &Cost, explain: bool, units: &str, lights: &str) {
         for (name, value) in plan.settings().to_map() {
             println!("  {name:<28} {value}");
         }
-        let m = plan.memory();
+        let m = memory;
         println!("memory");
         for (what, n) in [
             ("program", m.program),
             ("scene", m.scene),
-            ("rays", m.tracing),
+            ("unwrapping", m.unwrap),
             ("atlas", m.atlas),
+            ("rays", m.tracing),
+            ("or building their tree", m.build),
             ("gathering a page", m.gather),
-            ("writing a page", m.write),
+            ("or writing a page", m.write),
+            ("or writing the scene", m.export),
         ] {
             println!("  {what:<28} {}", say::bytes(n));
         }
     }
     println!("cost");
-    println!("  memory {} at the peak", say::bytes(plan.memory().peak()));
+    println!("  memory {} at the peak", say::bytes(memory.peak()));
     println!(
         "  {} paths, about {} of sampling here",
         cost.covered * u64::from(plan.settings().samples),

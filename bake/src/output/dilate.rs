@@ -113,9 +113,8 @@ pub fn fill_gutter(page: &mut Page, charts: &[u32], padding: u32) {
                     .filter(|&o| o != NONE)
                     .min_by_key(|&o| (grid.squared_distance(i, o as usize), o))
                     .unwrap_or(id(i));
-                let same = |&j: &usize| {
-                    origin[j] != NONE && charts[origin[j] as usize] == charts[near as usize]
-                };
+                let same =
+                    |&j: &usize| origin[j] != NONE && charts[origin[j] as usize] == charts[near as usize];
                 (near, mean(page, grid.neighbours(i).filter(same), Errors::Drop))
             })
             .collect();

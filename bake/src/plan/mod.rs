@@ -131,9 +131,10 @@ impl Plan {
         effects::list(&self.scene, &self.tracing.lights)
     }
 
-    /// Bytes that the bake will need at its peak.
+    /// Bytes that the bake will need at its peak; `document` is the size of the file and its buffers
+    /// ([`Document::total_bytes`](crate::scene::document::Document::total_bytes)).
     #[must_use]
-    pub fn memory(&self) -> Memory {
-        Memory::estimate(self)
+    pub fn memory(&self, document: u64) -> Memory {
+        Memory::estimate(self, document)
     }
 }

@@ -94,11 +94,11 @@ pub fn bake_page(
             || (Vec::with_capacity(samples as usize), None),
             |(scratch, sampler), (chunk, out)| {
                 let mut gate = Gate::default();
-                if monitor.stopped() {
-                    return gate;
-                }
                 let mut rays = 0;
                 for (k, out) in out.iter_mut().enumerate() {
+                    if monitor.stopped() {
+                        return gate;
+                    }
                     let index = chunk * CHUNK + k;
                     let sampler = match sampler {
                         Some(s) => {
@@ -180,7 +180,7 @@ fn texel(
     }
     let validity = match visible.validity {
         // Only what is dark can be the inside of a body: light finds its way under a tent.
-        Validity::Valid if visible.void && scratch.iter().all(is_dark) => Validity::Enclosed,
+        Validity::Valid if visible.inside && scratch.iter().all(is_dark) => Validity::Enclosed,
         Validity::Enclosed if !scratch.iter().all(is_dark) => Validity::Valid,
         validity => validity,
     };
@@ -265,6 +265,8 @@ struct Visible {
     validity: Validity,
     /// Every ray met a back, nothing, or a front across a crack.
     void: bool,
+    /// That, and some met a back or a front across a crack: there is a body around.
+    inside: bool,
 }
 
 impl Visible {
@@ -283,6 +285,7 @@ fn probe(kernel: &Kernel<'_>, sampler: &TexelSampler, id: Id, side: Side, rays: 
     let key = sequence::key(0, PROBE + id.page as u64, u64::from(id.texel));
     let mut cells = [Cell::default(); SIDE * SIDE];
     let mut void = true;
+    let mut near = false;
     let mut backs = 0;
     let mut from = 0;
     for until in LOOKS {
@@ -298,18 +301,20 @@ fn probe(kernel: &Kernel<'_>, sampler: &TexelSampler, id: Id, side: Side, rays: 
             let back = matches!(first, First::Back | First::DoubleSidedBack);
             cell.back += u32::from(back);
             backs += u32::from(back);
-            void &= first != First::Front || distance < id.crack;
+            let crack = first == First::Front && distance < id.crack;
+            void &= first != First::Front || crack;
+            near |= back || crack;
         }
         from = until;
         if backs == 0 {
             break;
         }
     }
-    Visible::new(&cells, void)
+    Visible::new(&cells, void, near)
 }
 
 impl Visible {
-    fn new(cells: &[Cell; SIDE * SIDE], void: bool) -> Self {
+    fn new(cells: &[Cell; SIDE * SIDE], void: bool, near: bool) -> Self {
         let states = cells.map(|c| c.validity());
         let any = |v| cells.iter().zip(states).any(|(c, s)| 0 < c.all && s == v);
         let validity = if any(Validity::Valid) {
@@ -320,7 +325,7 @@ impl Visible {
             Validity::Hidden
         };
         let all = validity != Validity::Valid;
-        Self { cells: states.map(|s| all || s == Validity::Valid), validity, void }
+        Self { cells: states.map(|s| all || s == Validity::Valid), validity, void, inside: void && near }
     }
 }
 
@@ -361,7 +366,7 @@ mod tests {
     #[test]
     fn the_part_under_another_body_is_left_out() {
         for hidden in [cell(16, 16, 0), cell(16, 9, 0), cell(16, 0, 16)] {
-            let v = Visible::new(&[hidden, cell(16, 0, 0), hidden, cell(16, 3, 0)], false);
+            let v = Visible::new(&[hidden, cell(16, 0, 0), hidden, cell(16, 3, 0)], false, true);
             assert_eq!(v.validity, Validity::Valid);
             assert_eq!(v.cells, [false, true, false, true]);
             assert!(!v.at([0.2, 0.2]) && v.at([0.9, 0.2]));
@@ -370,7 +375,7 @@ mod tests {
 
     #[test]
     fn wholly_hidden_texels_say_so() {
-        let all = |c| Visible::new(&[c, c, c, Cell::default()], true);
+        let all = |c| Visible::new(&[c, c, c, Cell::default()], true, true);
         assert_eq!(all(cell(16, 16, 0)).validity, Validity::Hidden);
         assert_eq!(all(cell(16, 0, 16)).validity, Validity::Enclosed);
         assert!(all(cell(16, 16, 0)).cells.iter().all(|c| *c), "all stay where none is better");
