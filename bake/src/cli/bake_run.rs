@@ -130,14 +130,10 @@ impl Job<'_> {
             gate: Gate::default(),
             monitor: Monitor::default(),
         };
-<<<<<<< HEAD
-        self.style.stage("plan", &announce(self.plan));
+        self.style.stage("plan", &announce(self.plan, self.memory));
         let learnt = learn(self.plan);
         let kernel = learnt.guide(kernel(self.plan));
         self.watch.lap("pilot");
-=======
-        self.style.stage("plan", &announce(self.plan, self.memory));
->>>>>>> mem
         for number in 0..atlas.pages.len() {
             let map = TexelMap::build(self.plan.scene(), atlas, number);
             self.watch.lap("texels");
