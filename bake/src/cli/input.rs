@@ -64,8 +64,28 @@ pub(crate) fn load(args: &SceneArgs) -> Result<Input, Error> {
     };
     let (scene, more) = gltf::load(&document, &config, &LoadOptions { light_units, sky });
     findings.extend(more);
+    findings.extend(idle(&config.run));
     findings.sort_by_key(|f| std::cmp::Reverse(f.severity));
     Ok(Input { document, scene, findings, run: config.run, light_units })
+}
+
+/// Findings about run options that later versions will know.
+fn idle(run: &RunConfig) -> Vec<Finding> {
+    let words = [
+        ("target_error", run.target_error.is_some()),
+        ("time_budget", run.time_budget.is_some()),
+        ("direct", run.direct.is_some()),
+        ("denoise", run.denoise.is_some()),
+        ("audit", run.audit.is_some()),
+        ("force", !run.force.is_empty()),
+    ];
+    let given = words.into_iter().filter(|(_, given)| *given);
+    given
+        .map(|(word, _)| {
+            let what = "is reserved and has no effect in this version";
+            Finding::warning(format!("run.{word}"), what, "remove it; `samples` sets the effort")
+        })
+        .collect()
 }
 
 /// A word of the configuration file that is also one of the command line.

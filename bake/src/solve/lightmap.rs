@@ -11,6 +11,7 @@ use crate::transport::path::First;
 use crate::transport::{Kernel, Vertex};
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Texels that one task does: enough to make scheduling free, few enough to share the work evenly
 /// and to stop quickly.
@@ -161,13 +162,21 @@ fn texel(
 ) -> Texel {
     let coverage = sampler.coverage();
     let mut visible = probe(kernel, sampler, id, Side::Front, rays);
-    gather(kernel, sampler, id, n, Side::Front, &visible, scratch, gate, rays);
-    if !scratch.is_empty() && scratch.iter().all(is_dark) && visible.void {
-        // A sheet that shows its back to the room, as many files have them: if it is double-sided and
-        // its front faces the void, the back is what anybody will see.
+    gather(kernel, sampler, id, 0..n, Side::Front, &visible, scratch, gate, rays);
+    let dark = |scratch: &mut Vec<Sample>, gate: &mut Gate, rays: &mut u64| {
+        // Few paths that bring nothing prove little, so some more are asked before a texel is dark.
+        let mut more = Vec::new();
+        !scratch.is_empty() && scratch.iter().all(is_dark) && {
+            gather(kernel, sampler, id, n..n.max(DARK), Side::Front, &visible, &mut more, gate, rays);
+            more.iter().all(is_dark)
+        }
+    };
+    if dark(scratch, gate, rays) {
+        // A sheet that shows its back to the room, as many files have them: where it is double-sided and
+        // no light reaches its front, the light of its back is what anybody will see.
         let back = probe(kernel, sampler, id, Side::BackOfDoubleSided, rays);
         let front = std::mem::take(scratch);
-        gather(kernel, sampler, id, n, Side::BackOfDoubleSided, &back, scratch, gate, rays);
+        gather(kernel, sampler, id, 0..n, Side::BackOfDoubleSided, &back, scratch, gate, rays);
         if scratch.iter().all(is_dark) {
             *scratch = front;
         } else {
@@ -193,6 +202,9 @@ fn is_dark(s: &Sample) -> bool {
     s.direct + s.indirect == Vec3::ZERO
 }
 
+/// Paths that have to bring nothing before a texel counts as dark.
+const DARK: u32 = 64;
+
 /// Which side of a surface is gathered.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Side {
@@ -205,7 +217,7 @@ fn gather(
     kernel: &Kernel<'_>,
     sampler: &TexelSampler,
     id: Id,
-    n: u32,
+    numbers: Range<u32>,
     side: Side,
     visible: &Visible,
     scratch: &mut Vec<Sample>,
@@ -214,7 +226,7 @@ fn gather(
 ) {
     scratch.clear();
     let key = sequence::key(id.seed, DOMAIN + id.page as u64, u64::from(id.texel));
-    for i in 0..n {
+    for i in numbers {
         let mut sequence = Sequence::new(key, i);
         let [a, b, c, d] = sequence.next4();
         let on = sampler.sample([a, b]);
@@ -263,9 +275,8 @@ const SIDE: usize = 2;
 struct Visible {
     cells: [bool; SIDE * SIDE],
     validity: Validity,
-    /// Every ray met a back, nothing, or a front across a crack.
-    void: bool,
-    /// That, and some met a back or a front across a crack: there is a body around.
+    /// Every ray met a back, nothing, or a front across a crack, and some did not meet nothing: there
+    /// is a body around.
     inside: bool,
 }
 
@@ -325,7 +336,7 @@ impl Visible {
             Validity::Hidden
         };
         let all = validity != Validity::Valid;
-        Self { cells: states.map(|s| all || s == Validity::Valid), validity, void, inside: void && near }
+        Self { cells: states.map(|s| all || s == Validity::Valid), validity, inside: void && near }
     }
 }
 
