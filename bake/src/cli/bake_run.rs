@@ -51,7 +51,7 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
         say::findings(&plan.findings()[n_loaded..], false);
         watch.lap("unwrap");
         interrupt.check()?;
-        let memory = plan.memory(input.document.total_bytes()).peak();
+        let memory = plan.memory(&input.document).peak();
         let mut job = Job { plan: &plan, staging: &staging, style, interrupt, strict, watch, memory };
         let baked = job.pages()?;
         interrupt.check()?;

@@ -3,6 +3,7 @@
 //! Exit codes are a contract: 0 done, 1 a comparison found a difference or a target was missed,
 //! 2 bad usage or input or a failure, 130 interrupted.
 
+mod allocator;
 mod args;
 mod bake_run;
 mod check;
@@ -21,6 +22,7 @@ use std::process::ExitCode;
 /// Parses the arguments, runs the command and turns its end into an exit code.
 #[must_use]
 pub fn main() -> ExitCode {
+    allocator::give_back_large_blocks();
     let args = Args::parse();
     let result = say::Interrupt::install().and_then(|interrupt| match args.command {
         Command::Run(a) => bake_run::run(&a, &interrupt),

@@ -29,7 +29,7 @@ pub(crate) fn run(args: &PlanArgs, interrupt: &Interrupt) -> Result<ExitCode, Er
     let plan =
         pool.install(|| plan::make(input.scene, input.findings, settings, &|_, _| !interrupt.raised()))?;
     let cost = pool.install(|| Cost::measure(&plan))?;
-    let memory = pool.install(|| plan.memory(input.document.total_bytes()));
+    let memory = pool.install(|| plan.memory(&input.document));
     if args.json {
         println!("{:#}", to_json(&plan, &cost, &memory));
         return Ok(ExitCode::SUCCESS);

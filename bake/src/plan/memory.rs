@@ -7,6 +7,7 @@
 
 use super::Plan;
 use crate::geom::atlas::{Atlas, Layout, NO_CHART};
+use crate::scene::document::Document;
 use crate::scene::model::{Image, Mesh};
 use glam::Vec2;
 use serde::Serialize;
@@ -89,13 +90,16 @@ const PER_COVERED_IMAGE: u64 = 8;
 /// Rows that an EXR compresses together.
 const EXR_ROWS: u64 = 16;
 
-/// The preview picture with its luminances and bytes, for the greatest width allowed.
-const PICTURE: u64 = 4 * 540 * 540 * 24;
+/// The preview picture of 540 rows in the usual format of 16:9: radiance (12) and, one after the
+/// other, luminances (8) or bytes and their compressed form (6) for each pixel.
+const PICTURE: u64 = 960 * 540 * 20;
 
 impl Memory {
-    /// Estimates the memory of a plan whose document (file and buffers) takes `document` bytes.
+    /// Estimates the memory of a plan whose scene came from `document`.
     #[must_use]
-    pub fn estimate(plan: &Plan, document: u64) -> Self {
+    pub fn estimate(plan: &Plan, document: &Document) -> Self {
+        let files: u64 = document.inputs().iter().map(|f| f.bytes).sum();
+        let document = document.total_bytes();
         let scene = plan.scene();
         let atlas = plan.atlas();
         let meshes: u64 = scene.meshes.iter().map(mesh_bytes).sum();
@@ -116,7 +120,9 @@ impl Memory {
             // The EXR library holds a block for each thread and two more, raw, sorted and compressed.
             let blocks = (rayon::current_num_threads() as u64 + 2) * 3 * EXR_ROWS * load.width * per_texel;
             let images = PER_TEXEL_IMAGE * load.texels + PER_COVERED_IMAGE * load.covered;
-            let written = per_texel * load.texels + images.max(blocks);
+            // A debug build holds the file that it reads back beside the page.
+            let read_back = if cfg!(debug_assertions) { per_texel * load.texels } else { 0 };
+            let written = per_texel * load.texels + images.max(blocks + read_back);
             gather = gather.max(kept + solved);
             write = write.max(kept + assembled.max(dilated).max(written));
             kept += PER_TEXEL_KEPT * load.texels;
@@ -130,8 +136,8 @@ impl Memory {
             build: BUILD_PER_TRIANGLE * triangles,
             gather,
             write,
-            // The file is made in memory and then framed: two copies of meshes and document.
-            export: kept + (2 * (document + meshes)).max(PICTURE),
+            // The file is made in memory and then framed: two copies of what all input files hold.
+            export: kept + (2 * files).max(PICTURE),
         }
     }
 

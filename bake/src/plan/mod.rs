@@ -13,6 +13,7 @@ use crate::geom::atlas::{self, Atlas};
 use crate::geom::shade::opacity;
 use crate::geom::{Bvh, World};
 use crate::light::Lights;
+use crate::scene::document::Document;
 use crate::scene::model::Scene;
 pub use effects::Effect;
 pub use memory::Memory;
@@ -131,10 +132,9 @@ impl Plan {
         effects::list(&self.scene, &self.tracing.lights)
     }
 
-    /// Bytes that the bake will need at its peak; `document` is the size of the file and its buffers
-    /// ([`Document::total_bytes`](crate::scene::document::Document::total_bytes)).
+    /// Bytes that the bake will need at its peak; `document` is what the scene came from.
     #[must_use]
-    pub fn memory(&self, document: u64) -> Memory {
+    pub fn memory(&self, document: &Document) -> Memory {
         Memory::estimate(self, document)
     }
 }
