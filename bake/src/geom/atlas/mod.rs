@@ -15,6 +15,25 @@
 //! where this module laid them out. Where the file's own second texture coordinates are kept, the
 //! distance is the author's; a finding says so where it is below two texels.
 //!
+//! # uvunwrap and xatlas
+//!
+//! One 1024 x 1024 page, padding 2, two cores shared with other work, debug profile (optimised), 22
+//! November 2026. Packing is the same for both; stretch is the root mean square over the area of
+//! length per texel, 1 being perfect. The example `charts` measures the generated meshes anew.
+//!
+//! | mesh | triangles | uvunwrap: s, charts, stretch, utilisation | xatlas: the same |
+//! |---|---|---|---|
+//! | bumpy floor | 5,000 | 0.40, 1, 1.004, 99 % | 2.6, 1, 1.004, 99 % |
+//! | bumpy floor | 20,000 | 3.2, 1, 1.006, 99 % | over 30 s, stopped |
+//! | sphere | 2,048 | 0.65, 5, 1.007, 67 % | 1.15, 35, 1.005, 62 % |
+//! | gazebo | 730 | 0.19, 299, 1.001, 81 % | 0.43, 332, 1.001, 80 % |
+//! | room of 17 meshes | 63,720 | 2.3, 156, 1.000, 70 % | 5.4, 124, 1.000, 71 % |
+//! | level in one mesh | 58,772 | 4.1, 15,609, 1.023, 29 % | 6.6, 14,415, 1.016, 33 % |
+//! | Sponza, 170 surfaces | 262,087 | 2.3, 9,725, 1.025, 33 % | 24, 10,425, 1.020, 32 % |
+//! | staircase, 775 surfaces | 262,663 | 10.4, 4,939, 1.012, 29 % | 30, 10,940, 1.024, 25 % |
+//!
+//! So xatlas gains nothing that would pay for a C++ library; it stays an option for comparison.
+//!
 //! Lengths enter only relative to powers of two of the scene's own size, so scaling a scene by
 //! `2^k` and its density by `2^-k` gives the same atlas to the bit.
 

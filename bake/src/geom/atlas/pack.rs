@@ -23,6 +23,9 @@ const SHAPES: u32 = 400;
 /// Most triangles that are unwrapped once more to be packed by shape.
 const SHAPE_TRIANGLES: usize = 30_000;
 
+/// Attempts at a fixed density before giving up.
+const ROUNDS: usize = 16;
+
 /// Shrinks everything by so little that a length which is a whole number of texels but for
 /// rounding does not spill into one texel more.
 const SNUG: f64 = 1.0 - 1.0 / 16384.0;
@@ -205,17 +208,33 @@ impl Job<'_> {
     /// The density asked for, on pages of at most `max_size`.
     fn fixed(&self, density: f64, max_size: u32, findings: &mut Vec<Finding>) -> Result<Packed, Error> {
         let sources = self.sources(density);
+        // For each source tried alone, the density that fits a page over the one asked for.
         let mut limits: Vec<Option<f64>> = vec![None; sources.len()];
         let side = f64::from(max_size - 2 * self.options.padding);
-        // What cannot fit by its area is found without trying; then what is large; then anything.
-        for share in [0.9, 0.02, 0.0] {
-            for (limit, source) in limits.iter_mut().zip(&sources) {
-                let texels = self.texels(source, density);
-                if limit.is_none() && share * side * side <= texels {
-                    *limit = Some(self.limit(source, density, max_size)?);
+        for round in 0..ROUNDS {
+            // What cannot fit by its area is found without trying; then what is large; then
+            // anything. What fits alone may fail beside others by a little.
+            match [0.9, 0.02, 0.0].get(round) {
+                Some(share) => {
+                    for (limit, source) in limits.iter_mut().zip(&sources) {
+                        let texels = self.texels(source, density);
+                        if limit.is_none() && share * side * side <= texels {
+                            *limit = Some(self.limit(source, density, max_size)?);
+                        }
+                    }
                 }
+                None => limits.iter_mut().flatten().for_each(|l| *l *= 0.93),
             }
-            let factors: Vec<f64> = limits.iter().map(|l| l.unwrap_or(1.0)).collect();
+            let factors: Vec<f64> = limits.iter().map(|l| l.unwrap_or(1.0).min(1.0)).collect();
+            if let ([only], [factor]) = (sources.as_slice(), factors.as_slice())
+                && only.members.len() == 1
+                && *factor < 1.0
+            {
+                let out = self.generate(&sources, &[1.0], Mode::Auto(max_size));
+                let out = out.map_err(|e| refused(&e))?;
+                self.report_limits(&sources, &[out.1 / density], density, max_size, findings);
+                return Ok(self.packed(sources, &[1.0], out));
+            }
             let total: f64 = sources
                 .iter()
                 .zip(&factors)
@@ -252,14 +271,12 @@ impl Job<'_> {
         self.classes[source.class].area * side * side
     }
 
-    /// Factor at most 1 on the density with which the source's members fit a page.
+    /// The density with which one of the source's members fits a page, over the density asked for.
     fn limit(&self, source: &Source, density: f64, max_size: u32) -> Result<f64, Error> {
-        let alone = Source { members: vec![source.members[0]], ..*source };
-        let (_, found) =
-            self.generate(&[alone], &[1.0], Mode::Rectangles(max_size)).map_err(|e| refused(&e))?;
-        // What just fits alone has to fit again after rounding.
-        let factor = found / density * 0.99;
-        Ok(factor.min(1.0))
+        let alone = [Source { members: vec![source.members[0]], ..*source }];
+        let out = self.generate_as(&alone, &[1.0], Mode::Auto(max_size), Packing::Fast);
+        let (_, found) = out.map_err(|e| refused(&e))?;
+        Ok(found / density * 0.99)
     }
 
     fn report_limits(
