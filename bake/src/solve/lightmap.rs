@@ -17,6 +17,11 @@ use std::ops::Range;
 /// and to stop quickly.
 const CHUNK: usize = 32;
 
+/// Most such tasks that a thread takes in one piece. A piece that was begun cannot be shared, and
+/// left to itself the scheduler begins pieces of up to a quarter of a page, so that at the end one thread
+/// works while the others wait.
+const CHUNKS: usize = 16;
+
 /// Random numbers of lightmaps belong to this domain and the page; see [`sequence::key`].
 const DOMAIN: u64 = 0x4c4d;
 
@@ -91,6 +96,7 @@ pub fn bake_page(
     let gates: Vec<Gate> = texels
         .par_chunks_mut(CHUNK)
         .enumerate()
+        .with_max_len(CHUNKS)
         .map_init(
             || (Vec::with_capacity(samples as usize), None),
             |(scratch, sampler), (chunk, out)| {
