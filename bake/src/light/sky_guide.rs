@@ -80,7 +80,7 @@ pub struct SkyGuide {
 }
 
 impl SkyGuide {
-    /// From scores of all directions of each region; `None` if no region has a positive score.
+    /// From scores of all directions of each region, or of none where nobody looked; `None` if no region has a positive score.
     #[must_use]
     pub fn new(regions: Regions, scores: Vec<Vec<f64>>) -> Option<Self> {
         let directions: Vec<Option<Cdf>> = scores.into_iter().map(|s| distribution(&s)).collect();
@@ -121,6 +121,9 @@ impl SkyGuide {
 /// Scores, spread to their neighbours (a window's edge falls between the pilot's rays) and mixed with
 /// an even share.
 fn distribution(scores: &[f64]) -> Option<Cdf> {
+    if scores.len() != DIRECTIONS {
+        return None;
+    }
     let mut spread = vec![0.0; DIRECTIONS];
     for (i, out) in spread.iter_mut().enumerate() {
         let (x, y) = (i % AZIMUTH, i / AZIMUTH);

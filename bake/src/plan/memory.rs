@@ -320,8 +320,9 @@ mod tests {
         let [x, y] = [Vec2::X, Vec2::Y];
         let load = page_loads(&atlas([Vec2::ZERO, x, x + y, y]))[0];
         assert_eq!((load.texels, load.covered, load.triangles), (4096, 4096, 2));
-        // Its diagonal crosses 64 texels, which both triangles have.
-        assert!((4096 + 64..4096 + 256).contains(&load.entries), "{load:?}");
+        // Its diagonal crosses 64 texels, which both triangles have; the estimate counts the texels along
+        // every edge of a triangle and so is above that, by less than the outline's 256 and its corners.
+        assert!((4096 + 64..=4096 + 260).contains(&load.entries), "{load:?}");
     }
 
     #[test]

@@ -111,6 +111,9 @@ fn sky_guide(kernel: &Kernel<'_>, receivers: &[Vertex], seed: u64) -> Option<Sky
         .par_iter()
         .enumerate()
         .map(|(region, list)| {
+            if list.is_empty() {
+                return Vec::new();
+            }
             let mut scores = vec![0.0; DIRECTIONS];
             for (k, from) in list.iter().enumerate() {
                 for (cell, score) in scores.iter_mut().enumerate() {
