@@ -390,6 +390,12 @@ mod tests {
         }
     }
 
+    /// The plan states memory without knowing this module.
+    #[test]
+    fn the_plan_knows_the_size_of_a_texel() {
+        assert_eq!(size_of::<Texel>() as u64, crate::plan::memory::PER_SOLVED);
+    }
+
     #[test]
     fn wholly_hidden_texels_say_so() {
         let all = |c| Visible::new(&[c, c, c, Cell::default()], true, true);
