@@ -4,7 +4,7 @@
 //! that patch may be what lights the room. So paths are also started at the lights: a beam leaves a
 //! sun or a lamp, lands somewhere, and every vertex of a path connects to that place. The two ways
 //! of finding the same light are weighed by their densities, both per area of the place where the
-//! light lands (bidirectional path tracing with two light vertices: [Vea97] chapter 10).
+//! light lands (bidirectional path tracing with two light vertices: \[Vea97\] chapter 10).
 //!
 //! Which beams are worth their rays is learnt beforehand: each light's beams are divided into cells,
 //! and a pilot measures what each cell brings to the receivers.
@@ -64,7 +64,7 @@ impl Beams {
         Self { suns, punctual, side, reach: radius, cells }
     }
 
-    /// The same with cells chosen by what they bring: `scores` in the order of [`Beams::cell`].
+    /// The same with cells chosen by what they bring: `scores` in the order of the cells, light by light, row by row.
     #[must_use]
     pub fn learnt(&self, scores: &[f64]) -> Self {
         let total: f64 = scores.iter().sum();
