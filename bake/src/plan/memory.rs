@@ -3,7 +3,7 @@
 //! A bake goes through stages, each with its own working memory over what stays: loading and
 //! unwrapping, building the tree, then for each page gathering, putting together and writing, at
 //! last `scene.glb`. The peak is that of the largest stage. All terms follow from sizes of data;
-//! the two that were measured, [`PROGRAM`] and [`UNWRAP_PER_VERTEX`], say so.
+//! the two that were measured, `PROGRAM` and `UNWRAP_PER_VERTEX`, say so.
 
 use super::Plan;
 use crate::geom::atlas::{Atlas, Layout, NO_CHART};
