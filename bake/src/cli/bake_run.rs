@@ -12,7 +12,7 @@ use crate::output::{assemble, exr, preview, record, scene_glb, view};
 use crate::plan::{self, Plan};
 use crate::solve::accumulate::Gate;
 use crate::solve::pilot::{self, Learnt};
-use crate::solve::{Monitor, lightmap};
+use crate::solve::{Monitor, facing, lightmap};
 use crate::transport::Kernel;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -141,7 +141,8 @@ impl Job<'_> {
             let name = format!("page {} of {}", number + 1, atlas.pages.len());
             let solution = say::watch(self.style, &name, total, &baked.monitor, self.interrupt, || {
                 let effort = effort(self.plan, settings.samples, settings.seed);
-                lightmap::bake_page(&kernel, &map, number, effort, &baked.monitor)
+                let turned = facing::turned_charts(&kernel, atlas, &map, number, effort);
+                lightmap::bake_page(&kernel, atlas, &map, number, effort, &turned, &baked.monitor)
             })?;
             self.watch.lap("sample");
             self.admit(&solution.gate)?;

@@ -11,6 +11,7 @@ use crate::geom::texel::TexelMap;
 use crate::plan::{self, Memory, Plan};
 use crate::solve::{Monitor, lightmap};
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -58,7 +59,15 @@ impl Cost {
             for measured in [false, true] {
                 let monitor = Monitor::default();
                 let start = Instant::now();
-                lightmap::bake_page(&kernel, &probe, page, effort(plan, 4, 1), &monitor)?;
+                lightmap::bake_page(
+                    &kernel,
+                    plan.atlas(),
+                    &probe,
+                    page,
+                    effort(plan, 4, 1),
+                    &BTreeSet::new(),
+                    &monitor,
+                )?;
                 if measured {
                     seconds += start.elapsed().as_secs_f64();
                     paths += monitor.paths();

@@ -1,6 +1,7 @@
 //! The texels of one page.
 
 use crate::error::Error;
+use crate::geom::atlas::Atlas;
 use crate::geom::texel::{TexelMap, TexelSampler};
 use crate::geom::world::luminance;
 use crate::sample::{Sequence, sequence};
@@ -11,6 +12,7 @@ use crate::transport::path::First;
 use crate::transport::{Kernel, Vertex};
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
+use std::collections::BTreeSet;
 use std::ops::Range;
 
 /// Texels that one task does: enough to make scheduling free, few enough to share the work evenly
@@ -78,16 +80,19 @@ pub struct Solution {
     pub gate: Gate,
 }
 
-/// Gathers paths in each covered texel of a page.
+/// Gathers paths in each covered texel of a page. The charts in `turned` show their backs; see
+/// [`crate::solve::facing`].
 ///
 /// # Errors
 ///
 /// [`Error::Interrupted`] when the monitor asks to stop.
 pub fn bake_page(
     kernel: &Kernel<'_>,
+    atlas: &Atlas,
     map: &TexelMap,
     page: usize,
     Effort { samples, seed, texel_size }: Effort,
+    turned: &BTreeSet<u32>,
     monitor: &Monitor,
 ) -> Result<Solution, Error> {
     let crack = CRACK * texel_size;
@@ -115,7 +120,9 @@ pub fn bake_page(
                         None => sampler.insert(TexelSampler::new(map, index)),
                     };
                     let id = Id { page, texel: map.texels[index], seed, crack };
-                    *out = texel(kernel, sampler, id, samples, scratch, &mut gate, &mut rays);
+                    let chart = map.chart(atlas, map.triangles_of(index)[0]);
+                    let side = if turned.contains(&chart) { Side::BackOfDoubleSided } else { Side::Front };
+                    *out = texel(kernel, sampler, id, side, samples, scratch, &mut gate, &mut rays);
                 }
                 monitor.add_error(error_sums(out));
                 monitor.add(out.len() as u64 * u64::from(samples), rays);
@@ -157,18 +164,20 @@ struct Sample {
     indirect: Rgb,
 }
 
+#[expect(clippy::too_many_arguments, reason = "one step of the loop over texels")]
 fn texel(
     kernel: &Kernel<'_>,
     sampler: &TexelSampler,
     id: Id,
+    side: Side,
     n: u32,
     scratch: &mut Vec<Sample>,
     gate: &mut Gate,
     rays: &mut u64,
 ) -> Texel {
     let coverage = sampler.coverage();
-    let mut visible = probe(kernel, sampler, id, Side::Front, rays);
-    gather(kernel, sampler, id, 0..n, Side::Front, &visible, scratch, gate, rays);
+    let mut visible = probe(kernel, sampler, id, side, rays);
+    gather(kernel, sampler, id, 0..n, side, &visible, scratch, gate, rays);
     let dark = |scratch: &mut Vec<Sample>, gate: &mut Gate, rays: &mut u64| {
         // Few paths that bring nothing prove little, so some more are asked before a texel is dark.
         let mut more = Vec::new();
@@ -177,7 +186,7 @@ fn texel(
             more.iter().all(is_dark)
         }
     };
-    if dark(scratch, gate, rays) {
+    if side == Side::Front && dark(scratch, gate, rays) {
         // A sheet that shows its back to the room, as many files have them: where it is double-sided and
         // no light reaches its front, the light of its back is what anybody will see.
         let back = probe(kernel, sampler, id, Side::BackOfDoubleSided, rays);
@@ -213,7 +222,7 @@ const DARK: u32 = 64;
 
 /// Which side of a surface is gathered.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Side {
+pub(super) enum Side {
     Front,
     BackOfDoubleSided,
 }
@@ -249,7 +258,7 @@ fn gather(
 
 /// The point on a side of a surface from which rays start; `None` where it has no area, or where the
 /// back is asked for and the surface has none.
-fn receiver(kernel: &Kernel<'_>, triangle: u32, bary: [f32; 3], side: Side) -> Option<Vertex> {
+pub(super) fn receiver(kernel: &Kernel<'_>, triangle: u32, bary: [f32; 3], side: Side) -> Option<Vertex> {
     let at = kernel.world.point(kernel.scene, triangle, bary);
     if at.geometric_normal == Vec3A::ZERO {
         return None;

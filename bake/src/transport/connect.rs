@@ -6,12 +6,10 @@ use crate::light::punctual::Incident;
 use crate::sample::Sequence;
 use crate::sample::warp::cos_hemisphere_pdf;
 use crate::scene::model::Rgb;
-use crate::transport::path::{Kernel, Vertex};
+use crate::transport::encounter::Onward;
+use crate::transport::path::{Kernel, MAX_LAYERS, Vertex};
 use glam::{Vec3, Vec3A};
 use std::f32::consts::FRAC_1_PI;
-
-/// Transparent layers that a beam may cross.
-const MAX_LAYERS: u32 = 64;
 
 /// Where a beam landed and what it makes shine there.
 #[derive(Clone, Copy, Debug)]
@@ -48,37 +46,22 @@ impl Kernel<'_> {
         for _ in 0..MAX_LAYERS {
             *rays += 1;
             let hit = self.closest(&ray)?;
-            let at = self.world.point(self.scene, hit.triangle, hit.bary);
-            let shade = self.world.shade(self.scene, hit.triangle, hit.bary);
-            let front = ray.direction.dot(at.geometric_normal) < 0.0;
-            let active = front || self.world.material(self.scene, hit.triangle).double_sided;
-            let passing = shade.pass.max_element();
-            let reflecting = if active { shade.cover } else { 0.0 };
-            if passing + reflecting <= 0.0 {
-                return None;
-            }
-            let chance = passing / (passing + reflecting);
-            if 0.0 < chance && (1.0 <= chance || sequence.next4()[0] < chance) {
-                through *= shade.pass / chance;
-                let beyond = if front { -at.offset } else { at.offset };
-                ray.origin = at.position + at.geometric_normal * beyond;
-                continue;
-            }
-            let side = if front { 1.0 } else { -1.0 };
-            let vertex = Vertex {
-                position: at.position,
-                geometric_normal: at.geometric_normal * side,
-                shading_normal: at.shading_normal * side,
-                offset: at.offset,
+            let (vertex, reflectance) = match self.encounter(&hit, ray.direction).onward(sequence) {
+                Onward::Absorbed => return None,
+                Onward::Through { tint, origin } => {
+                    through *= tint;
+                    ray.origin = origin;
+                    continue;
+                }
+                Onward::Reflected { vertex, reflectance } => (vertex, through * reflectance),
             };
-            let light = self.incident(beam, at.position)?;
+            let light = self.incident(beam, vertex.position)?;
             let cos = light.wi.dot(vertex.shading_normal);
             if cos <= 0.0 {
                 return None;
             }
-            let reflected = through * shade.albedo * (reflecting / (1.0 - chance));
-            let radiance = light.illuminance * reflected * (cos * FRAC_1_PI);
-            let density = beams.area_density(&self.lights.suns, beam.source, &light, at.position, cos);
+            let radiance = light.illuminance * reflectance * (cos * FRAC_1_PI);
+            let density = beams.area_density(&self.lights.suns, beam.source, &light, vertex.position, cos);
             return (radiance != Vec3::ZERO && 0.0 < density).then_some(LightVertex {
                 vertex,
                 radiance,

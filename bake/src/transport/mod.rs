@@ -2,6 +2,7 @@
 
 pub mod connect;
 pub mod direct;
+mod encounter;
 pub mod path;
 
 pub use path::{Estimate, Kernel, Vertex};

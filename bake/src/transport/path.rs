@@ -11,6 +11,7 @@ use crate::sample::Sequence;
 use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
 use crate::scene::model::{Rgb, Scene};
 use crate::transport::connect::Arrival;
+use crate::transport::encounter::Onward;
 use glam::{Vec3, Vec3A};
 
 /// Throughput below which Russian roulette starts. It is a product of albedos, so the decision does
@@ -25,7 +26,7 @@ const DEEP_SURVIVAL: f32 = 0.9;
 
 /// Transparent layers that one ray may cross. Real scenes have a few dozen; the limit ends the
 /// walk through degenerate stacks.
-const MAX_LAYERS: u32 = 256;
+pub(crate) const MAX_LAYERS: u32 = 256;
 
 /// Everything a path needs.
 #[derive(Clone, Copy, Debug)]
@@ -178,40 +179,26 @@ impl Kernel<'_> {
                 return leg;
             };
             travelled += hit.t;
-            let at = self.world.point(self.scene, hit.triangle, hit.bary);
-            let shade = self.world.shade(self.scene, hit.triangle, hit.bary);
-            let material = self.world.material(self.scene, hit.triangle);
-            let front = wi.dot(at.geometric_normal) < 0.0;
-            let active = front || material.double_sided;
-            if active && shade.emission != Vec3::ZERO && !material.unlit {
+            let met = self.encounter(&hit, wi);
+            if met.emits {
                 let other =
                     self.lights.emitters.pdf(from.position, from.shading_normal, hit.triangle, wi, travelled);
-                leg.emitted += through * shade.emission * (pdf / (pdf + other));
+                leg.emitted += through * met.shade.emission * (pdf / (pdf + other));
             }
-            let passing = shade.pass.max_element();
-            let reflecting = if active { shade.cover } else { 0.0 };
-            if passing + reflecting <= 0.0 {
-                return leg;
+            match met.onward(sequence) {
+                Onward::Absorbed => return leg,
+                Onward::Through { tint, origin } => {
+                    through *= tint;
+                    ray.origin = origin;
+                }
+                Onward::Reflected { vertex, reflectance } => {
+                    let cos = -wi.dot(vertex.shading_normal);
+                    leg.arrival = Arrival { density: pdf * cos.max(0.0) / (travelled * travelled) };
+                    let reflectance = through * reflectance;
+                    leg.next = (reflectance != Vec3::ZERO).then_some((vertex, reflectance));
+                    return leg;
+                }
             }
-            let chance = passing / (passing + reflecting);
-            let goes_through = 0.0 < chance && (1.0 <= chance || sequence.next4()[0] < chance);
-            if !goes_through {
-                let side = if front { 1.0 } else { -1.0 };
-                let vertex = Vertex {
-                    position: at.position,
-                    geometric_normal: at.geometric_normal * side,
-                    shading_normal: at.shading_normal * side,
-                    offset: at.offset,
-                };
-                let cos = -wi.dot(vertex.shading_normal);
-                leg.arrival = Arrival { density: pdf * cos.max(0.0) / (travelled * travelled) };
-                let reflectance = through * shade.albedo * (reflecting / (1.0 - chance));
-                leg.next = (reflectance != Vec3::ZERO).then_some((vertex, reflectance));
-                return leg;
-            }
-            through *= shade.pass / chance;
-            let beyond = if front { -at.offset } else { at.offset };
-            ray.origin = at.position + at.geometric_normal * beyond;
         }
         leg
     }

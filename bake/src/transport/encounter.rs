@@ -1,0 +1,68 @@
+//! What a ray does where it meets a surface: passes, is reflected, or ends.
+
+use crate::geom::Hit;
+use crate::geom::shade::Shade;
+use crate::geom::world::SurfacePoint;
+use crate::sample::Sequence;
+use crate::scene::model::Rgb;
+use crate::transport::path::{Kernel, Vertex};
+use glam::{Vec3, Vec3A};
+
+/// A ray's hit, shaded.
+pub(crate) struct Encounter {
+    at: SurfacePoint,
+    pub(crate) shade: Shade,
+    /// Met from the front side.
+    front: bool,
+    /// The side that was met reflects.
+    active: bool,
+    /// The side that was met is a light.
+    pub(crate) emits: bool,
+}
+
+/// How a ray goes on.
+pub(crate) enum Onward {
+    /// It ends here.
+    Absorbed,
+    /// It crosses the surface and goes on from `origin` in its direction.
+    Through { tint: Rgb, origin: Vec3A },
+    /// It is reflected. The reflectance may be black.
+    Reflected { vertex: Vertex, reflectance: Rgb },
+}
+
+impl Kernel<'_> {
+    pub(crate) fn encounter(&self, hit: &Hit, direction: Vec3A) -> Encounter {
+        let at = self.world.point(self.scene, hit.triangle, hit.bary);
+        let shade = self.world.shade(self.scene, hit.triangle, hit.bary);
+        let front = direction.dot(at.geometric_normal) < 0.0;
+        let material = self.world.material(self.scene, hit.triangle);
+        let active = front || material.double_sided;
+        let emits = active && shade.emission != Vec3::ZERO && !material.unlit;
+        Encounter { at, shade, front, active, emits }
+    }
+}
+
+impl Encounter {
+    /// Chooses between passing and reflection by their strengths.
+    pub(crate) fn onward(&self, sequence: &mut Sequence) -> Onward {
+        let passing = self.shade.pass.max_element();
+        let reflecting = if self.active { self.shade.cover } else { 0.0 };
+        if passing + reflecting <= 0.0 {
+            return Onward::Absorbed;
+        }
+        let chance = passing / (passing + reflecting);
+        let side = if self.front { 1.0 } else { -1.0 };
+        if 0.0 < chance && (1.0 <= chance || sequence.next4()[0] < chance) {
+            let origin = self.at.position - self.at.geometric_normal * (side * self.at.offset);
+            return Onward::Through { tint: self.shade.pass / chance, origin };
+        }
+        let vertex = Vertex {
+            position: self.at.position,
+            geometric_normal: self.at.geometric_normal * side,
+            shading_normal: self.at.shading_normal * side,
+            offset: self.at.offset,
+        };
+        let reflectance = self.shade.albedo * (reflecting / (1.0 - chance));
+        Onward::Reflected { vertex, reflectance }
+    }
+}
