@@ -11,9 +11,11 @@ use crate::output::page::{Page, PageStats};
 use crate::output::{assemble, exr, preview, record, scene_glb, view};
 use crate::plan::{self, Plan};
 use crate::solve::accumulate::Gate;
+use crate::solve::cache::Cells;
 use crate::solve::pilot::{self, Learnt};
 use crate::solve::{Monitor, facing, lightmap};
-use crate::transport::Kernel;
+use crate::transport::cache::IrradianceCache;
+use crate::transport::{Kernel, Vertex};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -134,6 +136,11 @@ impl Job<'_> {
         let learnt = learn(self.plan);
         let kernel = learnt.guide(kernel(self.plan));
         self.watch.lap("pilot");
+        let cache = self.cache(&kernel, &baked.monitor)?;
+        // Whether no light at all reaches a side is a question to paths alone.
+        let unbiased = kernel;
+        let kernel = Kernel { cache: cache.as_ref(), ..kernel };
+        self.watch.lap("cache");
         for number in 0..atlas.pages.len() {
             let map = TexelMap::build(self.plan.scene(), atlas, number);
             self.watch.lap("texels");
@@ -141,7 +148,7 @@ impl Job<'_> {
             let name = format!("page {} of {}", number + 1, atlas.pages.len());
             let solution = say::watch(self.style, &name, total, &baked.monitor, self.interrupt, || {
                 let effort = effort(self.plan, settings.samples, settings.seed);
-                let turned = facing::turned_charts(&kernel, atlas, &map, number, effort);
+                let turned = facing::turned_charts(&unbiased, atlas, &map, number, effort);
                 lightmap::bake_page(&kernel, atlas, &map, number, effort, &turned, &baked.monitor)
             })?;
             self.watch.lap("sample");
@@ -159,6 +166,17 @@ impl Job<'_> {
             self.interrupt.check()?;
         }
         Ok(baked)
+    }
+
+    /// Gathers the irradiance cache if the plan wants it.
+    fn cache(&self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<Option<IrradianceCache>, Error> {
+        if !self.plan.settings().caches() {
+            return Ok(None);
+        }
+        let cells = cells(self.plan, kernel);
+        say::watch(self.style, "irradiance cache", cells.paths(), monitor, self.interrupt, || {
+            cells.fill(kernel, monitor).map(Some)
+        })
     }
 
     /// Reports samples that were not finite; with `--strict` they end the bake.
@@ -204,12 +222,21 @@ pub(crate) fn effort(plan: &Plan, samples: u32, seed: u64) -> lightmap::Effort {
     lightmap::Effort { samples, seed, texel_size: plan.atlas().texels_per_metre.recip() }
 }
 
+/// The places of the irradiance cache.
+pub(crate) fn cells(plan: &Plan, kernel: &Kernel<'_>) -> Cells {
+    let settings = plan.settings();
+    let texel_size = plan.atlas().texels_per_metre.recip();
+    Cells::find(kernel, &receivers(plan), texel_size, settings.samples, settings.seed)
+}
+
+fn receivers(plan: &Plan) -> Vec<Vertex> {
+    let placed = |s: usize| plan.atlas().placements[s].is_some();
+    pilot::receivers(&kernel(plan), placed, plan.settings().seed)
+}
+
 /// What a pilot learns of a plan's lights.
 pub(crate) fn learn(plan: &Plan) -> Learnt {
-    let kernel = kernel(plan);
-    let placed = |s: usize| plan.atlas().placements[s].is_some();
-    let receivers = pilot::receivers(&kernel, placed, plan.settings().seed);
-    Learnt::new(&kernel, &receivers, plan.settings().seed)
+    Learnt::new(&kernel(plan), &receivers(plan), plan.settings().seed)
 }
 
 /// The kernel that a plan calls for, before anything is learnt.
@@ -223,6 +250,7 @@ pub(crate) fn kernel(plan: &Plan) -> Kernel<'_> {
         bounces: plan.settings().bounces,
         beams: None,
         sky_guide: None,
+        cache: None,
     }
 }
 

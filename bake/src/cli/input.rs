@@ -1,6 +1,6 @@
 //! Reads scene and configuration and resolves settings.
 
-use crate::cli::args::{LightUnitsArg, MediaArg, QualityArg, SceneArgs, SettingsArgs, UnwrapArg};
+use crate::cli::args::{LightUnitsArg, MediaArg, OnOff, QualityArg, SceneArgs, SettingsArgs, UnwrapArg};
 use crate::error::{Error, Finding};
 use crate::geom::atlas::{Engine, Unwrap};
 use crate::plan::{Quality, Settings};
@@ -144,6 +144,7 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
         },
         engine: engine(args),
         seed: args.seed.or(run.seed).unwrap_or(0),
+        irradiance_cache: args.irradiance_cache == OnOff::On,
         split_direct: args.split_direct,
     })
 }

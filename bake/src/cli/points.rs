@@ -47,6 +47,7 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
         bounces: args.bounces.or(input.run.bounces),
         beams: None,
         sky_guide: None,
+        cache: None,
     };
     let seed = args.seed.or(input.run.seed).unwrap_or(0);
     let receivers: Vec<_> = points.iter().map(|&(p, n)| points::place(&kernel, p, n)).collect();

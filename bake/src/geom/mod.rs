@@ -2,6 +2,7 @@
 
 pub mod atlas;
 pub mod bvh;
+pub mod cells;
 pub mod ray;
 pub mod shade;
 pub mod texel;

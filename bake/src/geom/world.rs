@@ -153,6 +153,13 @@ impl World {
         }
     }
 
+    /// Area of all triangles, square metres.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "fewer than 2^32 triangles; the sum is f64")]
+    pub fn total_area(&self) -> f32 {
+        (0..self.triangles.len()).map(|t| f64::from(self.area(t as u32))).sum::<f64>() as f32
+    }
+
     /// Area of a triangle, square metres.
     #[must_use]
     pub fn area(&self, triangle: u32) -> f32 {

@@ -7,6 +7,7 @@
 
 use super::Plan;
 use crate::geom::atlas::{Atlas, Layout, NO_CHART};
+use crate::geom::cells;
 use crate::scene::document::Document;
 use crate::scene::model::{Image, Mesh};
 use glam::Vec2;
@@ -27,6 +28,8 @@ pub struct Memory {
     pub tracing: u64,
     /// What building the tree needs for a moment; includes the finished tree.
     pub build: u64,
+    /// Finding the places of the irradiance cache.
+    pub cache: u64,
     /// The most that gathering a page needs, with the pages before it.
     pub gather: u64,
     /// The most that putting a page together and writing it needs, with the pages before it.
@@ -84,6 +87,9 @@ const PER_BORDER: u64 = 116;
 /// Pixels of a preview image and their compressed form, per texel.
 const PER_TEXEL_IMAGE: u64 = 6;
 
+/// A point that was found for the irradiance cache.
+pub(crate) const PER_CACHE_POINT: u64 = 24;
+
 /// Luminance of a covered texel while exposure is found.
 const PER_COVERED_IMAGE: u64 = 8;
 
@@ -134,6 +140,7 @@ impl Memory {
             atlas: layouts,
             tracing: (40 * triangles) + tracing.bvh.bytes() as u64,
             build: BUILD_PER_TRIANGLE * triangles,
+            cache: if plan.settings().caches() { cache_bytes(plan) } else { 0 },
             gather,
             write,
             // The file is made in memory and then framed: two copies of what all input files hold.
@@ -144,13 +151,18 @@ impl Memory {
     /// Bytes at the peak.
     #[must_use]
     pub fn peak(&self) -> u64 {
-        let stages = self.gather.max(self.write).max(self.export);
+        let stages = self.cache.max(self.gather).max(self.write).max(self.export);
         self.program
             + self.scene
             + self.unwrap
             + self.atlas
             + self.build.max(self.tracing.saturating_add(stages))
     }
+}
+
+/// Points that rays find: once in pieces and once joined.
+fn cache_bytes(plan: &Plan) -> u64 {
+    2 * PER_CACHE_POINT * cells::search(&plan.tracing().world, plan.atlas().texels_per_metre.recip())
 }
 
 fn mesh_bytes(m: &Mesh) -> u64 {

@@ -70,11 +70,20 @@ pub struct Settings {
     pub engine: Engine,
     /// Seed of all random numbers.
     pub seed: u64,
+    /// Whether paths may end at an irradiance cache.
+    pub irradiance_cache: bool,
     /// Whether direct and indirect light are also written apart.
     pub split_direct: bool,
 }
 
 impl Settings {
+    /// Whether an irradiance cache is gathered. Its light has any number of reflections, so a limit of
+    /// them rules it out.
+    #[must_use]
+    pub fn caches(&self) -> bool {
+        self.irradiance_cache && self.bounces.is_none()
+    }
+
     pub(crate) fn atlas(&self) -> AtlasOptions {
         let density = match self.texels_per_metre {
             Some(d) => Density::Fixed(d),
@@ -111,6 +120,7 @@ impl Settings {
             ("padding", json!(self.padding)),
             ("unwrap", json!(unwrap)),
             ("unwrap_engine", json!(engine)),
+            ("irradiance_cache", json!(self.caches())),
             ("media", json!("off")),
             ("split_direct", json!(self.split_direct)),
         ];

@@ -2,8 +2,9 @@
 //!
 //! Many files build cupboards, panels and frames of double-sided sheets wound the wrong way round: the
 //! front looks into a cavity and the back is what anybody sees. A texel holds the light of one side,
-//! so a chart is turned as a whole where its front sees nothing but its own narrow cavity, and next
-//! to no light, while its back is lit. Rooms built of single sheets are no cavities: they are wide.
+//! so a chart is turned as a whole where its back is lit and its front is not, or where its front sees
+//! nothing but its own narrow cavity and next to no light. Rooms built of single sheets are no cavities:
+//! they are wide.
 
 use crate::geom::atlas::Atlas;
 use crate::geom::texel::{TexelMap, TexelSample, TexelSampler};
@@ -72,12 +73,14 @@ fn is_turned(kernel: &Kernel<'_>, map: &TexelMap, texels: &[usize], page: usize,
             Some(e.direct + e.indirect != Vec3::ZERO)
         })
     };
-    if !narrow(Side::Front) || narrow(Side::BackOfDoubleSided) {
+    let cavity = narrow(Side::Front) && !narrow(Side::BackOfDoubleSided);
+    let (front, fronts) = lit(Side::Front);
+    // A front that is not lit at all shows its back, whatever is around it.
+    if fronts < 10 * front || (0 < front && !cavity) {
         return false;
     }
-    let (front, fronts) = lit(Side::Front);
     let (back, backs) = lit(Side::BackOfDoubleSided);
-    10 * front <= fronts && backs <= 4 * back
+    backs <= 4 * back
 }
 
 /// How many of the questions to a side were answered with yes, and how many were answered.

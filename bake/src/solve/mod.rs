@@ -1,6 +1,7 @@
 //! Gathers estimates into results: texels of a lightmap, irradiance at points.
 
 pub mod accumulate;
+pub mod cache;
 pub mod facing;
 pub mod lightmap;
 pub mod monitor;

@@ -4,8 +4,8 @@
 //! the sky. Candela and lux never meet in one distribution, so probabilities do not depend on the
 //! unit of length.
 
-use crate::geom::Ray;
 use crate::geom::ray::offset_distance;
+use crate::geom::{Hit, Ray};
 use crate::light::beams::Source;
 use crate::light::punctual::Incident;
 use crate::sample::Sequence;
@@ -20,6 +20,17 @@ use std::f32::consts::FRAC_1_PI;
 /// there are more, one is chosen by what it would contribute unshadowed.
 const EXHAUSTIVE: usize = 4;
 
+/// Which lights are asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Part {
+    /// All of them.
+    All,
+    /// Suns and lamps: no direction hits them by chance.
+    Small,
+    /// Emitters and sky.
+    Area,
+}
+
 impl Kernel<'_> {
     /// `E / pi` straight from the lights at `vertex`, one sample, nits. At the receiver lights whose
     /// direct part is left to the game are left out. `arrival` says how the vertex was found, where
@@ -27,6 +38,7 @@ impl Kernel<'_> {
     pub(crate) fn direct(
         &self,
         vertex: &Vertex,
+        part: Part,
         receiver: bool,
         arrival: Option<Arrival>,
         sequence: &mut Sequence,
@@ -34,14 +46,24 @@ impl Kernel<'_> {
     ) -> Rgb {
         let lights = self.lights;
         let mut sum = Vec3::ZERO;
-        if !lights.punctual.is_empty() || !lights.emitters.is_empty() {
+        let (small, area) = (part != Part::Area, part != Part::Small);
+        let punctual = small && !lights.punctual.is_empty();
+        let emitters = area && !lights.emitters.is_empty();
+        if punctual || emitters {
             let [a, b, c, d] = sequence.next4();
-            sum += self.punctual(vertex, receiver, arrival, a, rays);
-            sum += self.emitters(vertex, b, [c, d], rays);
+            if punctual {
+                sum += self.punctual(vertex, receiver, arrival, a, rays);
+            }
+            if emitters {
+                sum += self.emitters(vertex, b, [c, d], rays);
+            }
         }
-        if !lights.suns.is_empty() || lights.sky.is_sampled() || self.sky_guide.is_some() {
+        let suns = small && !lights.suns.is_empty();
+        let sky = area && (lights.sky.is_sampled() || self.sky_guide.is_some());
+        if suns || sky {
             let [a, b, c, d] = sequence.next4();
-            for (i, sun) in lights.suns.iter().enumerate() {
+            let asked = if suns { lights.suns.as_slice() } else { &[] };
+            for (i, sun) in asked.iter().enumerate() {
                 if receiver && sun.indirect_only {
                     continue;
                 }
@@ -52,7 +74,9 @@ impl Kernel<'_> {
                 let weight = self.chance_weight(arrival, vertex, Source::Sun(i), &light);
                 sum += self.lit(vertex, &light, rays) * weight;
             }
-            sum += self.sky(vertex, [c, d], rays);
+            if sky {
+                sum += self.sky(vertex, [c, d], rays);
+            }
         }
         sum
     }
@@ -155,6 +179,12 @@ impl Kernel<'_> {
             return self.lights.sky.pdf(wi);
         }
         self.sky_guide.map_or(0.0, |g| g.pdf(vertex.position, wi))
+    }
+
+    /// Whether nothing at all gets along a ray.
+    pub(crate) fn blocked(&self, ray: &Ray) -> bool {
+        let opaque = |hit: &Hit| self.world.pass(self.scene, hit.triangle, hit.bary) == Vec3::ZERO;
+        0.0 < ray.t_max && self.bvh.occluded(ray, opaque)
     }
 
     /// What is left of light along a segment after everything it crosses: 0 behind an opaque surface.

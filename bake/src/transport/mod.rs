@@ -1,8 +1,9 @@
 //! Light transport: the path-traced estimate of what arrives at a point.
 
+pub mod cache;
 pub mod connect;
 pub mod direct;
-mod encounter;
+pub(crate) mod encounter;
 pub mod path;
 
 pub use path::{Estimate, Kernel, Vertex};

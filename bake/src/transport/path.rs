@@ -10,7 +10,9 @@ use crate::light::{Beams, Lights, SkyGuide};
 use crate::sample::Sequence;
 use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
 use crate::scene::model::{Rgb, Scene};
+use crate::transport::cache::IrradianceCache;
 use crate::transport::connect::Arrival;
+use crate::transport::direct::Part;
 use crate::transport::encounter::Onward;
 use glam::{Vec3, Vec3A};
 
@@ -47,6 +49,8 @@ pub struct Kernel<'a> {
     /// Directions in which the sky is seen; without them the sky is found by chance alone, unless it
     /// is an image.
     pub sky_guide: Option<&'a SkyGuide>,
+    /// Where paths may end; without it they go on to the last reflection.
+    pub cache: Option<&'a IrradianceCache>,
 }
 
 /// Where a path starts or turns.
@@ -104,6 +108,15 @@ impl Kernel<'_> {
     /// from `sequence`.
     #[must_use]
     pub fn estimate(&self, start: &Vertex, u: [f32; 2], sequence: &mut Sequence) -> Estimate {
+        self.walk(start, u, Part::All, sequence)
+    }
+
+    /// As [`Kernel::estimate`], without what suns and lamps bring straight away.
+    pub(crate) fn arriving(&self, start: &Vertex, u: [f32; 2], sequence: &mut Sequence) -> Estimate {
+        self.walk(start, u, Part::Area, sequence)
+    }
+
+    fn walk(&self, start: &Vertex, u: [f32; 2], part: Part, sequence: &mut Sequence) -> Estimate {
         let mut out = Estimate::default();
         let mut vertex = *start;
         let mut throughput = Vec3::ONE;
@@ -111,7 +124,8 @@ impl Kernel<'_> {
         let mut arrival = None;
         let beam = if self.bounces == Some(0) { None } else { self.beam(sequence, &mut out.rays) };
         for depth in 0u32.. {
-            let direct = self.direct(&vertex, depth == 0, arrival, sequence, &mut out.rays);
+            let part = if depth == 0 { part } else { Part::All };
+            let direct = self.direct(&vertex, part, depth == 0, arrival, sequence, &mut out.rays);
             if let Some(light) = &beam
                 && self.bounces.is_none_or(|n| depth < n)
             {
@@ -131,6 +145,14 @@ impl Kernel<'_> {
             }
             throughput *= reflectance;
             let [a, b, c, _] = sequence.next4();
+            if let Some(cache) = self.cache
+                && cache.near() <= leg.travelled
+                && let Some(cached) = cache.lookup(&next)
+            {
+                let small = self.direct(&next, Part::Small, false, arrival, sequence, &mut out.rays);
+                out.indirect += throughput * (cached + small);
+                break;
+            }
             let strongest = throughput.max_element();
             // A path inside a closed body of albedo 1 would never get weaker, so depth counts as well.
             let limit = if depth < DEEP { 1.0 } else { DEEP_SURVIVAL };
@@ -169,7 +191,8 @@ impl Kernel<'_> {
         let pdf = cos_hemisphere_pdf(wi.dot(from.shading_normal));
         let mut ray = from.ray(wi, f32::INFINITY);
         let mut travelled = 0.0;
-        let mut leg = Leg { emitted: Vec3::ZERO, next: None, arrival: Arrival { density: 0.0 } };
+        let mut leg =
+            Leg { emitted: Vec3::ZERO, next: None, arrival: Arrival { density: 0.0 }, travelled: 0.0 };
         let mut through = Vec3::ONE;
         for _ in 0..MAX_LAYERS {
             *rays += 1;
@@ -179,6 +202,7 @@ impl Kernel<'_> {
                 return leg;
             };
             travelled += hit.t;
+            leg.travelled = travelled;
             let met = self.encounter(&hit, wi);
             if met.emits {
                 let other =
@@ -218,4 +242,6 @@ struct Leg {
     next: Option<(Vertex, Rgb)>,
     /// How likely the place of the reflection was found.
     arrival: Arrival,
+    /// Length of the way, metres.
+    travelled: f32,
 }

@@ -1,0 +1,233 @@
+//! Fills the irradiance cache ([`crate::transport::cache`]).
+//!
+//! Cells are found by rays from the receivers, so they lie where paths will ask, and each keeps a few
+//! of the points that were hit. Points of a cell that see one another share a value: those on two sides of a
+//! thin wall do not. The first pass gathers whole paths there; each later pass gathers paths that
+//! end at the pass before, which is unbiased but for the cells' size and averages the noise of many
+//! cells. A place that has no cell is reached by a path that goes on.
+
+use crate::error::Error;
+use crate::geom::world::luminance;
+use crate::geom::{Ray, cells};
+use crate::sample::warp::{Frame, square_to_cos_hemisphere};
+use crate::sample::{Sequence, sequence};
+use crate::scene::model::Rgb;
+use crate::solve::Monitor;
+use crate::transport::cache::{IrradianceCache, Record};
+use crate::transport::encounter::Onward;
+use crate::transport::{Kernel, Vertex};
+use glam::{DVec3, Vec3, Vec3A};
+use rayon::prelude::*;
+
+/// Random numbers of the cache belong to this domain; see [`sequence::key`].
+const DOMAIN: u64 = 0x4943;
+
+/// Points that a cell keeps.
+const POINTS: usize = 8;
+
+/// Paths from each cell in each pass, as parts of a texel's number of paths.
+const PASSES: [f32; 3] = [0.25, 0.5, 1.0];
+
+/// Fewest and most paths of a pass.
+const PATHS: [f32; 2] = [16.0, 1024.0];
+
+/// A point that a ray hit.
+#[derive(Clone, Copy, Debug)]
+struct Point {
+    cell: u64,
+    triangle: u32,
+    bary: [f32; 2],
+    front: bool,
+    /// The first point of the same cell that sees this one, directly or by way of others.
+    group: u8,
+}
+
+/// Places of a cache that is not filled yet.
+#[derive(Clone, Debug)]
+pub struct Cells {
+    /// Side, metres.
+    side: f32,
+    /// Sorted by cell.
+    points: Vec<Point>,
+    samples: u32,
+    seed: u64,
+}
+
+impl Cells {
+    /// Finds cells for `receivers`; `texel_size` in metres, `samples` the paths of a texel.
+    #[must_use]
+    pub fn find(kernel: &Kernel<'_>, receivers: &[Vertex], texel_size: f32, samples: u32, seed: u64) -> Self {
+        let side = cells::side(kernel.world, texel_size);
+        let mut cells = Self { side, points: Vec::new(), samples, seed };
+        if !receivers.is_empty() && 0.0 < side && side.is_finite() {
+            cells.points = points(kernel, receivers, side, cells::search(kernel.world, texel_size), seed);
+        }
+        cells
+    }
+
+    fn list(&self) -> Vec<&[Point]> {
+        self.points.chunk_by(|a, b| a.cell == b.cell).collect()
+    }
+
+    /// Paths of one pass from each cell.
+    fn pass(&self, part: f32) -> u32 {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+        let n = (part * self.samples as f32).clamp(PATHS[0], PATHS[1]) as u32;
+        n
+    }
+
+    /// Paths that filling will take.
+    #[must_use]
+    pub fn paths(&self) -> u64 {
+        let each: u32 = PASSES.iter().map(|&p| self.pass(p)).sum();
+        self.list().len() as u64 * u64::from(each)
+    }
+
+    /// Fills the cells.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Interrupted`] when the monitor asks to stop.
+    pub fn fill(&self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<IrradianceCache, Error> {
+        let cells = self.list();
+        let records =
+            self.points.iter().map(|p| Record { position: vertex(kernel, p).position, value: Vec3::ZERO });
+        #[expect(clippy::cast_possible_truncation, reason = "a few points")]
+        let sizes = cells.iter().map(|c| (c[0].cell, c.len() as u32));
+        let mut cache = IrradianceCache::new(self.side, sizes, records.collect());
+        for (pass, part) in PASSES.iter().enumerate() {
+            let n = self.pass(*part);
+            let kernel = Kernel { cache: (0 < pass).then_some(&cache), ..*kernel };
+            let values: Vec<Vec<Rgb>> = cells
+                .par_iter()
+                .map(|cell| {
+                    if monitor.stopped() {
+                        return Vec::new();
+                    }
+                    let key = sequence::key(self.seed, DOMAIN + pass as u64, cell[0].cell);
+                    let (values, rays) = gather(&kernel, cell, n, key);
+                    monitor.add(u64::from(n), rays);
+                    values
+                })
+                .collect();
+            cache.replace(values.into_iter().flatten());
+        }
+        if monitor.stopped() { Err(Error::Interrupted) } else { Ok(cache) }
+    }
+}
+
+/// Where rays from the receivers land, sorted by cell; [`POINTS`] of each cell at most.
+fn points(kernel: &Kernel<'_>, receivers: &[Vertex], cell: f32, rays: u64, seed: u64) -> Vec<Point> {
+    #[expect(clippy::cast_possible_truncation, reason = "at most a million")]
+    let each = rays.div_ceil(receivers.len() as u64) as u32;
+    let mut points: Vec<Point> = receivers
+        .par_iter()
+        .enumerate()
+        .flat_map_iter(|(i, from)| {
+            let key = sequence::key(seed, DOMAIN ^ 0xffff, i as u64);
+            (0..each).filter_map(move |k| land(kernel, from, &mut Sequence::new(key, k), cell))
+        })
+        .collect();
+    // Stable: the points of a cell stay in the order of receivers and rays.
+    points.sort_by_key(|p| p.cell);
+    let mut here = 0;
+    let mut last = None;
+    points.retain(|p| {
+        here = if last == Some(p.cell) { here + 1 } else { 0 };
+        last = Some(p.cell);
+        here < POINTS
+    });
+    let cells: Vec<&mut [Point]> = points.chunk_by_mut(|a, b| a.cell == b.cell).collect();
+    cells.into_par_iter().for_each(|points| group(kernel, points, cell));
+    points
+}
+
+/// Points of a cell are looked at from this part of its side above them, so that bumps do not part them.
+const ABOVE: f32 = 0.25;
+
+/// Finds which points of a cell see one another.
+fn group(kernel: &Kernel<'_>, points: &mut [Point], cell: f32) {
+    let above: Vec<Vec3A> = points
+        .iter()
+        .map(|p| vertex(kernel, p))
+        .map(|v| v.position + v.geometric_normal * v.offset.max(ABOVE * cell))
+        .collect();
+    for k in 0..points.len() {
+        #[expect(clippy::cast_possible_truncation, reason = "a few points")]
+        let own = k as u8;
+        points[k].group = own;
+        for j in 0..k {
+            let (joined, d) = (points[j].group, above[j] - above[k]);
+            let ray = Ray { origin: above[k], direction: d.normalize_or_zero(), t_max: d.length() };
+            if points[k].group == joined || kernel.blocked(&ray) {
+                continue;
+            }
+            let (keep, drop) = (joined.min(points[k].group), joined.max(points[k].group));
+            points[..=k].iter_mut().filter(|p| p.group == drop).for_each(|p| p.group = keep);
+        }
+    }
+}
+
+/// Where one ray is reflected.
+fn land(kernel: &Kernel<'_>, from: &Vertex, sequence: &mut Sequence, cell: f32) -> Option<Point> {
+    let [a, b, _, _] = sequence.next4();
+    let wi = Frame::new(from.shading_normal).to_world(square_to_cos_hemisphere([a, b]));
+    let hit = kernel.closest(&from.ray(wi, f32::INFINITY))?;
+    let Onward::Reflected { vertex, reflectance } = kernel.encounter(&hit, wi).onward(sequence) else {
+        return None;
+    };
+    let front = 0.0 < vertex.geometric_normal.dot(kernel.world.geometric_normal(hit.triangle));
+    (luminance(reflectance) != 0.0).then(|| Point {
+        cell: IrradianceCache::key(cell, vertex.position, vertex.geometric_normal),
+        triangle: hit.triangle,
+        bary: [hit.bary[0], hit.bary[1]],
+        front,
+        group: 0,
+    })
+}
+
+/// For each of the points of a cell the mean over paths from its group; the points share `n` paths.
+fn gather(kernel: &Kernel<'_>, points: &[Point], n: u32, key: u64) -> (Vec<Rgb>, u64) {
+    let vertices: Vec<Vertex> = points.iter().map(|p| vertex(kernel, p)).collect();
+    let mut sums = [(DVec3::ZERO, 0.0); POINTS];
+    let mut rays = 0;
+    for i in 0..n {
+        let mut sequence = Sequence::new(key, i);
+        let [a, b, _, _] = sequence.next4();
+        let k = i as usize % points.len();
+        let e = kernel.arriving(&vertices[k], [a, b], &mut sequence);
+        rays += u64::from(e.rays);
+        let x = e.direct + e.indirect;
+        if x.is_finite() {
+            let group = &mut sums[usize::from(points[k].group)];
+            group.0 += x.as_dvec3();
+            group.1 += 1.0;
+        }
+    }
+    let mean = |(sum, n): (DVec3, f64)| (sum / n.max(1.0)).as_vec3();
+    (points.iter().map(|p| mean(sums[usize::from(p.group)])).collect(), rays)
+}
+
+fn vertex(kernel: &Kernel<'_>, p: &Point) -> Vertex {
+    let bary = [p.bary[0], p.bary[1], 1.0 - p.bary[0] - p.bary[1]];
+    let at = kernel.world.point(kernel.scene, p.triangle, bary);
+    let front = Vertex {
+        position: at.position,
+        geometric_normal: at.geometric_normal,
+        shading_normal: at.shading_normal,
+        offset: at.offset,
+    };
+    debug_assert!(at.geometric_normal != Vec3A::ZERO, "rays do not hit triangles without area");
+    if p.front { front } else { front.turned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The plan states memory without knowing this module.
+    #[test]
+    fn the_plan_knows_the_size_of_a_point() {
+        assert_eq!(size_of::<Point>() as u64, crate::plan::memory::PER_CACHE_POINT);
+    }
+}
