@@ -89,7 +89,7 @@ fn idle(run: &RunConfig) -> Vec<Finding> {
 }
 
 /// A word of the configuration file that is also one of the command line.
-fn word<T: ValueEnum>(text: &str, path: &str) -> Result<T, Error> {
+pub(crate) fn word<T: ValueEnum>(text: &str, path: &str) -> Result<T, Error> {
     T::from_str(text, false).map_err(|_| {
         let known: Vec<String> = T::value_variants()
             .iter()

@@ -7,6 +7,7 @@ use crate::cli::input;
 use crate::cli::say::{self, Interrupt, Style};
 use crate::error::{Error, Finding};
 use crate::plan::{self, Quality, Tracing};
+use crate::scene::config::RunConfig;
 use crate::solve::Monitor;
 use crate::solve::pilot::Learnt;
 use crate::solve::points::{self, Until};
@@ -32,9 +33,9 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
     let input = input::load(&scene_args)?;
     say::findings(&input.findings, false);
     plan::admit(&input.findings)?;
-    let until = until(args)?;
+    let until = until(args, &input.run)?;
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(args.work.threads.unwrap_or(0) as usize)
+        .num_threads(args.work.threads.or(input.run.threads).unwrap_or(0) as usize)
         .build()
         .map_err(|e| Error::Usage(format!("cannot start the threads: {e}")))?;
     let monitor = Monitor::default();
@@ -81,11 +82,15 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
     Ok(ExitCode::SUCCESS)
 }
 
-fn until(args: &PointsArgs) -> Result<Until, Error> {
+fn until(args: &PointsArgs, run: &RunConfig) -> Result<Until, Error> {
     if let Some(n) = args.samples {
         return Ok(Until::Samples(n));
     }
-    let preset = match args.quality.map(input::quality) {
+    let quality = match (args.quality, &run.quality) {
+        (None, Some(text)) => Some(input::word(text, "run.quality")?),
+        (given, _) => given,
+    };
+    let preset = match quality.map(input::quality) {
         Some(Quality::Draft) => 0.01,
         Some(Quality::High) => 0.001,
         Some(Quality::Medium) | None => 0.003,

@@ -23,7 +23,7 @@ pub(crate) fn run(args: &PlanArgs, interrupt: &Interrupt) -> Result<ExitCode, Er
     let lights = input::lights(&input);
     let units = input.light_units.name();
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(args.work.threads.unwrap_or(0) as usize)
+        .num_threads(args.work.threads.or(input.run.threads).unwrap_or(0) as usize)
         .build()
         .map_err(|e| Error::Usage(format!("cannot start the threads: {e}")))?;
     Style::new(args.work.progress).stage("unwrap", &format!("{} surfaces", input.scene.surfaces.len()));

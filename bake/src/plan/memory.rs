@@ -28,7 +28,7 @@ pub struct Memory {
     pub tracing: u64,
     /// What building the tree needs for a moment; includes the finished tree.
     pub build: u64,
-    /// Finding the places of the irradiance cache.
+    /// Finding the places of the irradiance cache; the filled cache counts with the stages behind it.
     pub cache: u64,
     /// The most that gathering a page needs, with the pages before it.
     pub gather: u64,
@@ -87,6 +87,12 @@ const PER_BORDER: u64 = 116;
 /// Pixels of a preview image and their compressed form, per texel.
 const PER_TEXEL_IMAGE: u64 = 6;
 
+/// A cell of the irradiance cache in its hash table, and the lists of cells while it is filled.
+const PER_CACHE_CELL: u64 = 96;
+
+/// A record of the irradiance cache.
+const PER_CACHE_RECORD: u64 = 24;
+
 /// A point that was found for the irradiance cache.
 pub(crate) const PER_CACHE_POINT: u64 = 24;
 
@@ -117,7 +123,8 @@ impl Memory {
         let unwrapped = atlas.layouts.iter().filter(|l| !l.kept);
         let layouts: u64 = atlas.layouts.iter().map(layout_bytes).sum();
 
-        let (mut kept, mut gather, mut write) = (0, 0, 0);
+        let (find, filled) = if plan.settings().caches() { cache_bytes(plan) } else { (0, 0) };
+        let (mut kept, mut gather, mut write) = (filled, 0, 0);
         for load in page_loads(atlas) {
             let map = PER_LISTED * load.covered + PER_ENTRY * load.entries + PER_CORNERS * load.triangles;
             let solved = map + PER_SOLVED * load.covered;
@@ -140,7 +147,7 @@ impl Memory {
             atlas: layouts,
             tracing: (40 * triangles) + tracing.bvh.bytes() as u64,
             build: BUILD_PER_TRIANGLE * triangles,
-            cache: if plan.settings().caches() { cache_bytes(plan) } else { 0 },
+            cache: find,
             gather,
             write,
             // The file is made in memory and then framed: two copies of what all input files hold.
@@ -160,9 +167,13 @@ impl Memory {
     }
 }
 
-/// Points that rays find: once in pieces and once joined.
-fn cache_bytes(plan: &Plan) -> u64 {
-    2 * PER_CACHE_POINT * cells::search(&plan.tracing().world, plan.atlas().texels_per_metre.recip())
+/// While the irradiance cache is found, and when it is filled.
+fn cache_bytes(plan: &Plan) -> (u64, u64) {
+    let (world, texel) = (&plan.tracing().world, plan.atlas().texels_per_metre.recip());
+    // Points that rays find: once in pieces and once joined.
+    let find = 2 * PER_CACHE_POINT * cells::search(world, texel);
+    let cells = cells::expected(world, texel);
+    (find, cells * (PER_CACHE_CELL + cells::POINTS as u64 * PER_CACHE_RECORD))
 }
 
 fn mesh_bytes(m: &Mesh) -> u64 {
@@ -355,6 +366,7 @@ mod tests {
             atlas: 8,
             tracing: 16,
             build: 0,
+            cache: 0,
             gather: 0,
             write: 0,
             export: 0,

@@ -344,7 +344,8 @@ impl RunConfig {
         let mut word = |key, list: &[&'static str]| t.word(key, list, out).map(str::to_owned);
         let quality = word("quality", &["draft", "medium", "high"]);
         let unwrap = word("unwrap", &["keep", "auto", "always"]);
-        let media = word("media", &["off", "attenuate", "table", "bounded", "reference"]);
+        // The other words of `--media` come with the media themselves.
+        let media = word("media", &["off"]);
         let direct = word("direct", &["auto", "all", "lightcuts", "grid"]);
         let denoise = word("denoise", &["off", "draft", "final"]);
         let light_units = word("light_units", &["gltf", "blender-raw", "blender-unitless"]);

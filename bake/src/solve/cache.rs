@@ -7,6 +7,7 @@
 //! cells. A place that has no cell is reached by a path that goes on.
 
 use crate::error::Error;
+use crate::geom::cells::POINTS;
 use crate::geom::world::luminance;
 use crate::geom::{Ray, cells};
 use crate::sample::warp::{Frame, square_to_cos_hemisphere};
@@ -21,9 +22,6 @@ use rayon::prelude::*;
 
 /// Random numbers of the cache belong to this domain; see [`sequence::key`].
 const DOMAIN: u64 = 0x4943;
-
-/// Points that a cell keeps.
-const POINTS: usize = 8;
 
 /// Paths from each cell in each pass, as parts of a texel's number of paths.
 const PASSES: [f32; 3] = [0.25, 0.5, 1.0];
@@ -90,27 +88,30 @@ impl Cells {
     /// [`Error::Interrupted`] when the monitor asks to stop.
     pub fn fill(&self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<IrradianceCache, Error> {
         let cells = self.list();
-        let records =
-            self.points.iter().map(|p| Record { position: vertex(kernel, p).position, value: Vec3::ZERO });
+        let records = self
+            .points
+            .iter()
+            .map(|p| Record { position: vertex(kernel, p).position.into(), value: Vec3::ZERO });
         #[expect(clippy::cast_possible_truncation, reason = "a few points")]
         let sizes = cells.iter().map(|c| (c[0].cell, c.len() as u32));
         let mut cache = IrradianceCache::new(self.side, sizes, records.collect());
         for (pass, part) in PASSES.iter().enumerate() {
             let n = self.pass(*part);
             let kernel = Kernel { cache: (0 < pass).then_some(&cache), ..*kernel };
-            let values: Vec<Vec<Rgb>> = cells
-                .par_iter()
-                .map(|cell| {
-                    if monitor.stopped() {
-                        return Vec::new();
-                    }
-                    let key = sequence::key(self.seed, DOMAIN + pass as u64, cell[0].cell);
-                    let (values, rays) = gather(&kernel, cell, n, key);
-                    monitor.add(u64::from(n), rays);
-                    values
-                })
+            let mut values = vec![Vec3::ZERO; self.points.len()];
+            let mut rest = values.as_mut_slice();
+            let work: Vec<(&[Point], &mut [Rgb])> = cells
+                .iter()
+                .map(|cell| (*cell, rest.split_off_mut(..cell.len()).unwrap_or_default()))
                 .collect();
-            cache.replace(values.into_iter().flatten());
+            work.into_par_iter().for_each(|(cell, values)| {
+                if !monitor.stopped() {
+                    let key = sequence::key(self.seed, DOMAIN + pass as u64, cell[0].cell);
+                    let rays = gather(&kernel, cell, n, key, values);
+                    monitor.add(u64::from(n), rays);
+                }
+            });
+            cache.replace(&values);
         }
         if monitor.stopped() { Err(Error::Interrupted) } else { Ok(cache) }
     }
@@ -137,6 +138,7 @@ fn points(kernel: &Kernel<'_>, receivers: &[Vertex], cell: f32, rays: u64, seed:
         last = Some(p.cell);
         here < POINTS
     });
+    points.shrink_to_fit();
     let cells: Vec<&mut [Point]> = points.chunk_by_mut(|a, b| a.cell == b.cell).collect();
     cells.into_par_iter().for_each(|points| group(kernel, points, cell));
     points
@@ -186,8 +188,9 @@ fn land(kernel: &Kernel<'_>, from: &Vertex, sequence: &mut Sequence, cell: f32) 
     })
 }
 
-/// For each of the points of a cell the mean over paths from its group; the points share `n` paths.
-fn gather(kernel: &Kernel<'_>, points: &[Point], n: u32, key: u64) -> (Vec<Rgb>, u64) {
+/// For each of the points of a cell the mean over paths from its group; the points share `n` paths. Returns the
+/// number of rays.
+fn gather(kernel: &Kernel<'_>, points: &[Point], n: u32, key: u64, values: &mut [Rgb]) -> u64 {
     let vertices: Vec<Vertex> = points.iter().map(|p| vertex(kernel, p)).collect();
     let mut sums = [(DVec3::ZERO, 0.0); POINTS];
     let mut rays = 0;
@@ -205,7 +208,10 @@ fn gather(kernel: &Kernel<'_>, points: &[Point], n: u32, key: u64) -> (Vec<Rgb>,
         }
     }
     let mean = |(sum, n): (DVec3, f64)| (sum / n.max(1.0)).as_vec3();
-    (points.iter().map(|p| mean(sums[usize::from(p.group)])).collect(), rays)
+    for (value, p) in values.iter_mut().zip(points) {
+        *value = mean(sums[usize::from(p.group)]);
+    }
+    rays
 }
 
 fn vertex(kernel: &Kernel<'_>, p: &Point) -> Vertex {

@@ -10,7 +10,7 @@
 
 use crate::scene::model::Rgb;
 use crate::transport::path::Vertex;
-use glam::Vec3A;
+use glam::{Vec3, Vec3A};
 use std::collections::HashMap;
 use std::ops::Range;
 
@@ -28,7 +28,7 @@ const BITS: u32 = 19;
 #[derive(Clone, Copy, Debug)]
 pub struct Record {
     /// Metres, relative to the world's origin.
-    pub position: Vec3A,
+    pub position: Vec3,
     /// `E / pi` of everything but suns and lamps straight away, nits.
     pub value: Rgb,
 }
@@ -58,9 +58,9 @@ impl IrradianceCache {
     }
 
     /// The same places with other values.
-    pub fn replace(&mut self, values: impl Iterator<Item = Rgb>) {
+    pub fn replace(&mut self, values: &[Rgb]) {
         for (record, value) in self.records.iter_mut().zip(values) {
-            record.value = value;
+            record.value = *value;
         }
     }
 
@@ -88,7 +88,7 @@ impl IrradianceCache {
         let range = self.index.get(&Self::key(self.cell, at.position, at.geometric_normal))?;
         let mut best = (f32::INFINITY, None);
         for r in &self.records[range.start as usize..range.end as usize] {
-            let d = r.position.distance_squared(at.position);
+            let d = r.position.distance_squared(at.position.into());
             if d < best.0 {
                 best = (d, Some(r.value));
             }
@@ -112,7 +112,7 @@ impl IrradianceCache {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::{Vec3, vec3a};
+    use glam::vec3a;
 
     #[test]
     fn cells_tell_places_and_sides_apart() {
@@ -135,13 +135,13 @@ mod tests {
             offset: 0.0,
         };
         let key = IrradianceCache::key(1.0, vec3a(0.5, 0.0, 0.0), Vec3A::Y);
-        let record = |x, v| Record { position: vec3a(x, 0.0, 0.0), value: Vec3::splat(v) };
+        let record = |x, v| Record { position: Vec3::new(x, 0.0, 0.0), value: Vec3::splat(v) };
         let mut cache =
             IrradianceCache::new(1.0, [(key, 2)].into_iter(), vec![record(0.1, 3.0), record(0.9, 5.0)]);
         assert_eq!(cache.lookup(&at(0.4)), Some(Vec3::splat(3.0)));
         assert_eq!(cache.lookup(&at(0.6)), Some(Vec3::splat(5.0)));
         assert_eq!(cache.lookup(&at(7.5)), None);
-        cache.replace([1.0, 2.0].map(Vec3::splat).into_iter());
+        cache.replace(&[1.0, 2.0].map(Vec3::splat));
         assert_eq!(cache.lookup(&at(0.6)), Some(Vec3::splat(2.0)));
     }
 }
