@@ -61,3 +61,21 @@ fn a_mirrored_scene_gives_mirrored_light() {
         }
     }
 }
+
+/// The irradiance cache changes the noise, and the light by no more than its cells blur.
+#[test]
+fn cached_light_is_the_light_of_paths() {
+    let bake = |cache: &str| {
+        let args = ["--samples", "256", "--texels-per-metre", "6", "--irradiance-cache", cache];
+        tool::baked(&room(Room::default()), &args).node_means()
+    };
+    let (cached, paths) = (bake("on"), bake("off"));
+    assert!(cached.keys().eq(paths.keys()));
+    for (node, [mean, error]) in &cached {
+        let [want, want_error] = paths[node];
+        for c in 0..3 {
+            let allowed = 0.02 * want[c] + 5.0 * error[c].hypot(want_error[c]);
+            assert!((mean[c] - want[c]).abs() <= allowed, "{node} channel {c}: {mean} and {want}");
+        }
+    }
+}

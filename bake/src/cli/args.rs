@@ -53,9 +53,19 @@ pub(crate) struct SettingsArgs {
     /// high: 512 paths, 4096^2
     #[arg(long, value_enum)]
     pub(crate) quality: Option<QualityArg>,
-    /// Exactly this many paths per texel
+    /// Exactly this many paths in every texel; otherwise the preset's number is a mean, and texels with more
+    /// variance get more
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
     pub(crate) samples: Option<u32>,
+    /// Go on until the map's relative error is below this, such as 0.02
+    #[arg(long, value_name = "REL", allow_negative_numbers = true, conflicts_with = "samples")]
+    pub(crate) target_error: Option<f32>,
+    /// Take about this much wall time for the whole command, such as 30s or 5m
+    #[arg(long, value_name = "TIME", conflicts_with_all = ["samples", "target_error"])]
+    pub(crate) time_budget: Option<String>,
+    /// Mean paths per texel after each round, page by page; replays a time budget from its manifest
+    #[arg(long, value_name = "N,N,.../N,N,...", conflicts_with_all = ["samples", "target_error", "time_budget"])]
+    pub(crate) rounds: Option<String>,
     /// Most reflections; without it Russian roulette ends paths
     #[arg(long, value_name = "N")]
     pub(crate) bounces: Option<u32>,

@@ -3,6 +3,7 @@
 use crate::cli::args::{LightUnitsArg, MediaArg, OnOff, QualityArg, SceneArgs, SettingsArgs, UnwrapArg};
 use crate::error::{Error, Finding};
 use crate::geom::atlas::{Engine, Unwrap};
+use crate::plan::settings::Sampling;
 use crate::plan::{Quality, Settings};
 use crate::scene::config::{Config, RunConfig};
 use crate::scene::document::Document;
@@ -72,8 +73,6 @@ pub(crate) fn load(args: &SceneArgs) -> Result<Input, Error> {
 /// Findings about run options that later versions will know.
 fn idle(run: &RunConfig) -> Vec<Finding> {
     let words = [
-        ("target_error", run.target_error.is_some()),
-        ("time_budget", run.time_budget.is_some()),
         ("direct", run.direct.is_some()),
         ("denoise", run.denoise.is_some()),
         ("audit", run.audit.is_some()),
@@ -126,13 +125,15 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
     {
         return Err(Error::Usage(format!("--texels-per-metre {d}: write a positive number")));
     }
-    let samples = args.samples.or(run.samples).unwrap_or(quality.samples());
-    if samples == 0 {
-        return Err(Error::Usage("0 samples: write at least 1".to_owned()));
-    }
+    let sampling = sampling(args, run, quality)?;
+    let samples = match sampling {
+        Sampling::Exact(n) => n,
+        _ => quality.samples(),
+    };
     Ok(Settings {
         quality,
         samples,
+        sampling,
         bounces: args.bounces.or(run.bounces),
         texels_per_metre,
         max_size: args.max_size.or(run.max_size).unwrap_or(4096),
@@ -147,6 +148,48 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
         irradiance_cache: args.irradiance_cache == OnOff::On,
         split_direct: args.split_direct,
     })
+}
+
+/// How much is gathered: the command line stands above the configuration as a whole, so that one number
+/// there is not joined with another here.
+fn sampling(args: &SettingsArgs, run: &RunConfig, quality: Quality) -> Result<Sampling, Error> {
+    let target = |x: f32| {
+        if 0.0 < x && x.is_finite() {
+            return Ok(Sampling::Target(x));
+        }
+        Err(Error::Usage(format!("target error {x}: write a positive number such as 0.02")))
+    };
+    let budget = |text: &str| match humantime::parse_duration(text) {
+        Ok(d) if !d.is_zero() => Ok(Sampling::Budget(d.as_secs_f64())),
+        _ => Err(Error::Usage(format!("time budget `{text}`: write a time such as 30s, 5m or 1h"))),
+    };
+    if let Some(n) = args.samples {
+        return Ok(Sampling::Exact(n));
+    }
+    if let Some(x) = args.target_error {
+        return target(x);
+    }
+    if let Some(text) = &args.time_budget {
+        return budget(text);
+    }
+    if let Some(text) = &args.rounds {
+        let page = |list: &str| {
+            let list: Vec<f32> = list.split(',').map(|n| n.trim().parse().ok()).collect::<Option<_>>()?;
+            let rising = list.iter().all(|n| n.is_finite() && 0.0 < *n) && list.is_sorted();
+            rising.then_some(list)
+        };
+        let pages: Option<Vec<Vec<f32>>> = text.split('/').map(page).collect();
+        return pages.map(Sampling::Rounds).ok_or_else(|| {
+            let what = "write positive numbers, none less than the one before it, such as 8,20,64";
+            Error::Usage(format!("--rounds {text}: {what}"))
+        });
+    }
+    match (run.samples, run.target_error, &run.time_budget) {
+        (Some(n), ..) => Ok(Sampling::Exact(n)),
+        (None, Some(x), _) => target(x),
+        (None, None, Some(text)) => budget(text),
+        (None, None, None) => Ok(Sampling::Mean(quality.samples())),
+    }
 }
 
 pub(crate) fn quality(arg: QualityArg) -> Quality {

@@ -113,6 +113,7 @@ pub(crate) fn watch<T: Send>(
                 }
                 let now = State::new(monitor, start, total);
                 if let Some(bar) = &bar {
+                    bar.set_length(now.total);
                     bar.set_position(now.done);
                     bar.set_message(now.message());
                 } else if every <= shown.elapsed() && style != Style::Silent {
@@ -156,6 +157,7 @@ struct State {
 impl State {
     fn new(monitor: &Monitor, start: (Instant, u64), total: u64) -> Self {
         let done = monitor.paths() - start.1;
+        let total = if 0 < monitor.expected() { monitor.expected() } else { total };
         let seconds = start.0.elapsed().as_secs_f64();
         let rate = done as f64 / seconds.max(1e-9);
         let left = total.saturating_sub(done) as f64 / rate;

@@ -42,7 +42,9 @@ pub(crate) fn run(args: &PlanArgs, interrupt: &Interrupt) -> Result<ExitCode, Er
 /// What the bake will take.
 struct Cost {
     covered: u64,
-    seconds: f64,
+    /// `None` where it turns out only while baking.
+    paths: Option<u64>,
+    seconds: Option<f64>,
 }
 
 impl Cost {
@@ -74,8 +76,9 @@ impl Cost {
                 }
             }
         }
-        let all = covered as f64 * f64::from(plan.settings().samples);
-        Ok(Self { covered, seconds: all * seconds / (paths.max(1)) as f64 })
+        let paths_per_second = paths.max(1) as f64 / seconds.max(1e-9);
+        let all = plan.settings().paths(covered);
+        Ok(Self { covered, paths: all, seconds: all.map(|n| n as f64 / paths_per_second) })
     }
 }
 
@@ -88,7 +91,7 @@ fn to_json(plan: &Plan, cost: &Cost, memory: &Memory) -> Value {
         "charts": plan.atlas().charts,
         "utilisation": plan.atlas().utilisation,
         "covered_texels": cost.covered,
-        "paths": cost.covered * u64::from(plan.settings().samples),
+        "paths": cost.paths,
         "memory": memory,
         "peak_memory_bytes": memory.peak(),
         "sampling_seconds": cost.seconds,
@@ -136,9 +139,8 @@ fn print(plan: &Plan, cost: &Cost, memory: &Memory, explain: bool, units: &str, 
     }
     println!("cost");
     println!("  memory {} at the peak", say::bytes(memory.peak()));
-    println!(
-        "  {} paths, about {} of sampling here",
-        cost.covered * u64::from(plan.settings().samples),
-        say::duration(cost.seconds)
-    );
+    match (cost.paths, cost.seconds) {
+        (Some(n), Some(s)) => println!("  {n} paths, about {} of sampling here", say::duration(s)),
+        _ => println!("  as many paths as the wanted error or time needs"),
+    }
 }

@@ -17,6 +17,11 @@ impl Stopwatch {
         Self { begin: now, lap: (now, cpu_seconds()), stages: Vec::new() }
     }
 
+    /// When the command started.
+    pub(crate) fn begin(&self) -> Instant {
+        self.begin
+    }
+
     /// Ends a stage; further laps of the same name add up.
     pub(crate) fn lap(&mut self, name: &str) {
         let now = (Instant::now(), cpu_seconds());

@@ -29,19 +29,22 @@ pub fn error_file(n: usize) -> String {
 }
 
 /// What the manifest says of one page.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct PageFigures {
     /// Sums over its texels.
     pub stats: PageStats,
     /// What was filled.
     pub filled: Filled,
+    /// Paths of its covered texels.
+    pub samples: Samples,
+    /// Mean paths per texel after each round, where rounds were planned by them.
+    pub rounds: Vec<f32>,
 }
 
 /// The manifest of a finished bake; the files themselves are listed by the folder.
 #[must_use]
 pub fn manifest(plan: &Plan, inputs: &[InputFile], pages: &[PageFigures], gate: &Gate) -> Manifest {
     let total = pages.iter().fold(PageStats::default(), |s, p| s.merge(p.stats));
-    let n = u64::from(plan.settings().samples);
     let mut m = Manifest::new("bake", env!("CARGO_PKG_VERSION"));
     m.seed = plan.settings().seed;
     m.inputs = inputs.iter().map(input).collect();
@@ -51,7 +54,16 @@ pub fn manifest(plan: &Plan, inputs: &[InputFile], pages: &[PageFigures], gate: 
     m.lights = lights(plan);
     m.sky = sky(&plan.scene().sky, inputs);
     m.findings = plan.findings().iter().map(finding).collect();
-    m.samples = Samples { total: total.covered * n, min: n, mean: n as f64, max: n };
+    if pages.iter().any(|p| !p.rounds.is_empty()) {
+        m.settings.insert("rounds".to_owned(), pages.iter().map(|p| p.rounds.clone()).collect());
+    }
+    let paths: u64 = pages.iter().map(|p| p.samples.total).sum();
+    m.samples = Samples {
+        total: paths,
+        min: pages.iter().map(|p| p.samples.min).min().unwrap_or(0),
+        mean: paths as f64 / total.covered.max(1) as f64,
+        max: pages.iter().map(|p| p.samples.max).max().unwrap_or(0),
+    };
     m.error = total.error();
     m.counts = Counts {
         rejected_samples: gate.rejected,

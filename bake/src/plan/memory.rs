@@ -63,7 +63,7 @@ const PER_ENTRY: u64 = 4;
 const PER_CORNERS: u64 = 24;
 
 /// Bytes of the solution for each covered texel.
-pub(crate) const PER_SOLVED: u64 = 44;
+pub(crate) const PER_SOLVED: u64 = 52;
 
 /// Bytes per texel of a page in memory: radiance and standard error (12 each), coverage (4).
 const PER_TEXEL: u64 = 28;

@@ -49,13 +49,31 @@ impl Quality {
     }
 }
 
+/// How many paths texels get.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Sampling {
+    /// This many in every texel.
+    Exact(u32),
+    /// This many on average, more where the variance is greater.
+    Mean(u32),
+    /// In rounds, after which there are this many on average, for each page; the last page's go for those
+    /// behind it. Replays a time budget.
+    Rounds(Vec<Vec<f32>>),
+    /// Until the map's relative error is this.
+    Target(f32),
+    /// As many as the whole command's wall time allows, seconds.
+    Budget(f64),
+}
+
 /// Resolved settings of a bake.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// The preset that the rest was taken from.
     pub quality: Quality,
-    /// Paths per texel.
+    /// Paths per texel that the irradiance cache is made for.
     pub samples: u32,
+    /// Paths of texels.
+    pub sampling: Sampling,
     /// Most reflections; `None`: Russian roulette ends paths.
     pub bounces: Option<u32>,
     /// Texels per metre; `None`: fitted onto one page of the preset's size.
@@ -77,6 +95,25 @@ pub struct Settings {
 }
 
 impl Settings {
+    /// Paths in all of a bake with `covered` texels, where that is known beforehand.
+    #[must_use]
+    pub fn paths(&self, covered: u64) -> Option<u64> {
+        match &self.sampling {
+            Sampling::Exact(n) | Sampling::Mean(n) => Some(covered * u64::from(*n)),
+            Sampling::Rounds(_) | Sampling::Target(_) | Sampling::Budget(_) => None,
+        }
+    }
+
+    fn sampling(&self) -> (&'static str, Value) {
+        match &self.sampling {
+            Sampling::Exact(n) => ("samples", json!(n)),
+            Sampling::Mean(n) => ("mean_samples", json!(n)),
+            Sampling::Target(x) => ("target_error", json!(x)),
+            // The manifest has those that were done: what replays a time budget.
+            Sampling::Rounds(_) | Sampling::Budget(_) => ("rounds", Value::Null),
+        }
+    }
+
     /// Whether an irradiance cache is gathered. Its light has any number of reflections, so a limit of
     /// them rules it out.
     #[must_use]
@@ -113,7 +150,7 @@ impl Settings {
         };
         let pairs = [
             ("quality", json!(self.quality.name())),
-            ("samples", json!(self.samples)),
+            self.sampling(),
             ("bounces", json!(self.bounces)),
             ("texels_per_metre", json!(self.texels_per_metre)),
             ("max_size", json!(self.max_size)),

@@ -43,6 +43,12 @@ pub struct Texel {
     pub coverage: f32,
     /// Whether the texel can be seen.
     pub validity: Validity,
+    /// Which parts of the texel are gathered.
+    cells: Cells,
+    /// Which side is gathered.
+    side: Side,
+    /// Paths gathered.
+    pub paths: u32,
 }
 
 /// Whether a texel lies in the open or inside other geometry.
@@ -78,6 +84,17 @@ pub struct Solution {
     pub texels: Vec<Texel>,
     /// Samples that were not finite.
     pub gate: Gate,
+    /// Mean paths per covered texel after each round, where rounds were planned by them.
+    pub rounds: Vec<f32>,
+}
+
+impl Solution {
+    /// Paths of all texels together, fewest and most.
+    #[must_use]
+    pub fn paths(&self) -> (u64, u64, u64) {
+        let each = || self.texels.iter().map(|t| u64::from(t.paths));
+        (each().sum(), each().min().unwrap_or(0), each().max().unwrap_or(0))
+    }
 }
 
 /// Gathers paths in each covered texel of a page. The charts in `turned` show their backs; see
@@ -133,7 +150,8 @@ pub fn bake_page(
     if monitor.stopped() {
         return Err(Error::Interrupted);
     }
-    Ok(Solution { texels, gate: gates.into_iter().fold(Gate::default(), Gate::merge) })
+    let gate = gates.into_iter().fold(Gate::default(), Gate::merge);
+    Ok(Solution { texels, gate, rounds: Vec::new() })
 }
 
 /// What the progress display wants to know of finished texels.
@@ -176,13 +194,14 @@ fn texel(
     rays: &mut u64,
 ) -> Texel {
     let coverage = sampler.coverage();
+    let mut side = side;
     let mut visible = probe(kernel, sampler, id, side, rays);
-    gather(kernel, sampler, id, 0..n, side, &visible, scratch, gate, rays);
+    gather(kernel, sampler, id, 0..n, side, visible.cells, scratch, gate, rays);
     let dark = |scratch: &mut Vec<Sample>, gate: &mut Gate, rays: &mut u64| {
         // Few paths that bring nothing prove little, so some more are asked before a texel is dark.
         let mut more = Vec::new();
         !scratch.is_empty() && scratch.iter().all(is_dark) && {
-            gather(kernel, sampler, id, n..n.max(DARK), Side::Front, &visible, &mut more, gate, rays);
+            gather(kernel, sampler, id, n..n.max(DARK), Side::Front, visible.cells, &mut more, gate, rays);
             more.iter().all(is_dark)
         }
     };
@@ -191,11 +210,11 @@ fn texel(
         // no light reaches its front, the light of its back is what anybody will see.
         let back = probe(kernel, sampler, id, Side::BackOfDoubleSided, rays);
         let front = std::mem::take(scratch);
-        gather(kernel, sampler, id, 0..n, Side::BackOfDoubleSided, &back, scratch, gate, rays);
+        gather(kernel, sampler, id, 0..n, Side::BackOfDoubleSided, back.cells, scratch, gate, rays);
         if scratch.iter().all(is_dark) {
             *scratch = front;
         } else {
-            visible = back;
+            (visible, side) = (back, Side::BackOfDoubleSided);
         }
     }
     if scratch.is_empty() {
@@ -210,7 +229,98 @@ fn texel(
     };
     let (mean, std_err) = mean_and_error(scratch.iter().map(|s| s.direct + s.indirect));
     let (direct, _) = mean_and_error(scratch.iter().map(|s| s.direct));
-    Texel { direct, indirect: (mean - direct).max(Vec3::ZERO), std_err, coverage, validity }
+    Texel {
+        direct,
+        indirect: (mean - direct).max(Vec3::ZERO),
+        std_err,
+        coverage,
+        validity,
+        cells: visible.cells,
+        side,
+        paths: n,
+    }
+}
+
+/// Gathers `new[k]` more paths in texel `k`; the texels are those of [`bake_page`] with the same arguments.
+///
+/// # Errors
+///
+/// [`Error::Interrupted`] when the monitor asks to stop.
+pub fn refine_page(
+    kernel: &Kernel<'_>,
+    map: &TexelMap,
+    page: usize,
+    effort: Effort,
+    new: &[u32],
+    solution: &mut Solution,
+    monitor: &Monitor,
+) -> Result<(), Error> {
+    let gates: Vec<Gate> = solution
+        .texels
+        .par_chunks_mut(CHUNK)
+        .zip(new.par_chunks(CHUNK))
+        .enumerate()
+        .with_max_len(1)
+        .map_init(
+            || (Vec::new(), None),
+            |(scratch, sampler), (chunk, (texels, new))| {
+                let mut gate = Gate::default();
+                let (mut rays, mut paths) = (0, 0);
+                for (k, (t, &n)) in texels.iter_mut().zip(new).enumerate() {
+                    if n == 0 || monitor.stopped() {
+                        continue;
+                    }
+                    let index = chunk * CHUNK + k;
+                    let sampler = match sampler {
+                        Some(s) => {
+                            TexelSampler::set(s, map, index);
+                            s
+                        }
+                        None => sampler.insert(TexelSampler::new(map, index)),
+                    };
+                    let id = Id { page, texel: map.texels[index], seed: effort.seed, crack: 0.0 };
+                    refine(kernel, sampler, id, n, t, scratch, &mut gate, &mut rays);
+                    paths += u64::from(n);
+                }
+                monitor.add(paths, rays);
+                gate
+            },
+        )
+        .collect();
+    if monitor.stopped() {
+        return Err(Error::Interrupted);
+    }
+    solution.gate = gates.into_iter().fold(solution.gate, Gate::merge);
+    Ok(())
+}
+
+/// Adds `n` paths to a texel. Both parts are weighed by their numbers of paths, not by their variances: few
+/// paths that missed what is rare would count for too much.
+#[expect(clippy::too_many_arguments, reason = "one step of the loop over texels")]
+fn refine(
+    kernel: &Kernel<'_>,
+    sampler: &TexelSampler,
+    id: Id,
+    n: u32,
+    texel: &mut Texel,
+    scratch: &mut Vec<Sample>,
+    gate: &mut Gate,
+    rays: &mut u64,
+) {
+    let numbers = texel.paths..texel.paths + n;
+    gather(kernel, sampler, id, numbers, texel.side, texel.cells, scratch, gate, rays);
+    if scratch.is_empty() {
+        return;
+    }
+    let (mean, std_err) = mean_and_error(scratch.iter().map(|s| s.direct + s.indirect));
+    let (direct, _) = mean_and_error(scratch.iter().map(|s| s.direct));
+    let indirect = (mean - direct).max(Vec3::ZERO);
+    let new = n as f32 / (texel.paths + n) as f32;
+    texel.direct = texel.direct.lerp(direct, new);
+    texel.indirect = texel.indirect.lerp(indirect, new);
+    let (old, new) = (texel.std_err * (1.0 - new), std_err * new);
+    texel.std_err = (old * old + new * new).map(f32::sqrt);
+    texel.paths += n;
 }
 
 fn is_dark(s: &Sample) -> bool {
@@ -221,8 +331,9 @@ fn is_dark(s: &Sample) -> bool {
 const DARK: u32 = 64;
 
 /// Which side of a surface is gathered.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Side {
+    #[default]
     Front,
     BackOfDoubleSided,
 }
@@ -234,7 +345,7 @@ fn gather(
     id: Id,
     numbers: Range<u32>,
     side: Side,
-    visible: &Visible,
+    cells: Cells,
     scratch: &mut Vec<Sample>,
     gate: &mut Gate,
     rays: &mut u64,
@@ -245,7 +356,7 @@ fn gather(
         let mut sequence = Sequence::new(key, i);
         let [a, b, c, d] = sequence.next4();
         let on = sampler.sample([a, b]);
-        if !visible.at(on.uv.to_array()) {
+        if !cells[cell_index(on.uv.to_array())] {
             continue;
         }
         let Some(vertex) = receiver(kernel, on.triangle, on.bary, side) else { continue };
@@ -286,19 +397,16 @@ const LOOKS: [u32; 2] = [16, 64];
 /// Cells along a texel's side among which hidden parts are told apart: 16 rays to each.
 const SIDE: usize = 2;
 
+/// Which cells lie in the open.
+type Cells = [bool; SIDE * SIDE];
+
 /// Which parts of a texel lie in the open.
 struct Visible {
-    cells: [bool; SIDE * SIDE],
+    cells: Cells,
     validity: Validity,
     /// Every ray met a back, nothing, or a front across a crack, and some did not meet nothing: there
     /// is a body around.
     inside: bool,
-}
-
-impl Visible {
-    fn at(&self, place: [f32; 2]) -> bool {
-        self.cells[cell_index(place)]
-    }
 }
 
 /// Looks around from a texel, to find parts that lie inside other geometry. The rays are the same
@@ -395,7 +503,7 @@ mod tests {
             let v = Visible::new(&[hidden, cell(16, 0, 0), hidden, cell(16, 3, 0)], false, true);
             assert_eq!(v.validity, Validity::Valid);
             assert_eq!(v.cells, [false, true, false, true]);
-            assert!(!v.at([0.2, 0.2]) && v.at([0.9, 0.2]));
+            assert_eq!([cell_index([0.2, 0.2]), cell_index([0.9, 0.2])], [0, 1]);
         }
     }
 

@@ -1,11 +1,13 @@
 //! Gathers estimates into results: texels of a lightmap, irradiance at points.
 
 pub mod accumulate;
+pub mod adaptive;
 pub mod cache;
 pub mod facing;
 pub mod lightmap;
 pub mod monitor;
 pub mod pilot;
 pub mod points;
+pub mod schedule;
 
 pub use monitor::Monitor;

@@ -12,6 +12,8 @@ pub struct Monitor {
     rays: AtomicU64,
     /// Sums over finished texels, for showing only: their order depends on the threads.
     error: Mutex<ErrorSums>,
+    /// Paths that the stage at work will have; 0 if it did not say.
+    expected: AtomicU64,
     stop: AtomicBool,
 }
 
@@ -39,6 +41,22 @@ impl Monitor {
         e.squared_error += sums.squared_error;
         e.luminance += sums.luminance;
         e.n += sums.n;
+    }
+
+    /// Workers replace the error by that of all texels of a page.
+    pub fn show_error(&self, sums: ErrorSums) {
+        *self.error.lock().unwrap_or_else(PoisonError::into_inner) = sums;
+    }
+
+    /// Workers say how many paths the stage at work will have.
+    pub fn expect(&self, paths: u64) {
+        self.expected.store(paths, Ordering::Relaxed);
+    }
+
+    /// What they said last; 0 if nothing.
+    #[must_use]
+    pub fn expected(&self) -> u64 {
+        self.expected.load(Ordering::Relaxed)
     }
 
     /// Root mean squared standard error of finished texels over their mean luminance.

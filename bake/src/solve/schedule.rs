@@ -1,0 +1,167 @@
+//! Solves a page in rounds until what was asked for is reached.
+
+use crate::error::Error;
+use crate::geom::atlas::Atlas;
+use crate::geom::texel::TexelMap;
+use crate::plan::settings::Sampling;
+use crate::solve::adaptive::{self, Goal};
+use crate::solve::lightmap::{self, Effort, Solution};
+use crate::solve::monitor::{ErrorSums, Monitor};
+use crate::transport::Kernel;
+use std::collections::BTreeSet;
+use std::time::Instant;
+
+/// Fewest paths in the first round, from which variances are first known.
+const FIRST: u32 = 8;
+
+/// Paths in the first round where their number is not given.
+const LEARN: u32 = 16;
+
+/// Rounds towards an error at most. Each may triple the paths, so the limit on paths ends it before.
+const ROUNDS: u32 = 64;
+
+/// A round towards an error has at most this many times the paths before it: what is known of the
+/// variance is not trusted further.
+const GROWTH: f64 = 3.0;
+
+/// Rounds towards an error aim a little below it, because the error that is then measured scatters.
+const AIM: f64 = 0.99;
+
+/// Parts of the remaining time that the rounds of a time budget take.
+const PARTS: [f64; 3] = [0.3, 0.6, 1.0];
+
+/// A page and what is known before it is solved.
+#[derive(Debug)]
+pub struct Task<'a> {
+    /// Everything a path needs.
+    pub kernel: &'a Kernel<'a>,
+    /// The layout.
+    pub atlas: &'a Atlas,
+    /// The texels.
+    pub map: &'a TexelMap,
+    /// Number of the page.
+    pub page: usize,
+    /// Seed and texel size; the number of samples is the schedule's.
+    pub effort: Effort,
+    /// Charts that show their back.
+    pub turned: &'a BTreeSet<u32>,
+    /// Mean luminance of all pages, nits, where there are several.
+    pub luminance: Option<f64>,
+    /// When sampling has to end, for [`Sampling::Budget`].
+    pub deadline: Instant,
+}
+
+impl Task<'_> {
+    /// Solves the page.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Interrupted`] when the monitor asks to stop.
+    pub fn solve(&self, sampling: &Sampling, monitor: &Monitor) -> Result<Solution, Error> {
+        match sampling {
+            Sampling::Exact(n) => self.first(*n, monitor),
+            Sampling::Mean(n) => {
+                let n = *n as f32;
+                // Half of the paths are spread evenly: the error figure weighs nits, eyes weigh ratios.
+                self.rounds(&[0.5 * n, 0.75 * n, n], monitor)
+            }
+            Sampling::Rounds(pages) => {
+                let list = pages.get(self.page).or(pages.last());
+                self.rounds(list.map_or(&[], Vec::as_slice), monitor)
+            }
+            Sampling::Target(relative) => self.target(f64::from(*relative), monitor),
+            Sampling::Budget(_) => self.budget(monitor),
+        }
+    }
+
+    fn first(&self, samples: u32, monitor: &Monitor) -> Result<Solution, Error> {
+        let effort = Effort { samples, ..self.effort };
+        lightmap::bake_page(self.kernel, self.atlas, self.map, self.page, effort, self.turned, monitor)
+    }
+
+    fn rounds(&self, means: &[f32], monitor: &Monitor) -> Result<Solution, Error> {
+        let n = self.map.texels.len() as f64;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "paths are few")]
+        let first = (means.first().copied().unwrap_or(0.0).round() as u32).max(FIRST);
+        let last = f64::from(means.last().copied().unwrap_or(0.0)).max(f64::from(first));
+        expect(monitor, last * n);
+        let mut solution = self.first(first, monitor)?;
+        solution.rounds = vec![first as f32];
+        for &mean in means.iter().skip(1) {
+            self.round(Goal::Mean(f64::from(mean)), &mut solution, monitor)?;
+            solution.rounds.push(mean);
+        }
+        Ok(solution)
+    }
+
+    fn round(&self, goal: Goal, solution: &mut Solution, monitor: &Monitor) -> Result<u64, Error> {
+        let round = adaptive::plan(self.map, &solution.texels, goal);
+        if 0 < round.total {
+            lightmap::refine_page(
+                self.kernel,
+                self.map,
+                self.page,
+                self.effort,
+                &round.paths,
+                solution,
+                monitor,
+            )?;
+        }
+        let (error, luminance) = adaptive::error(&solution.texels);
+        let n = solution.texels.len() as f64;
+        monitor.show_error(ErrorSums { squared_error: error * error * n, luminance: luminance * n, n });
+        Ok(round.total)
+    }
+
+    fn target(&self, relative: f64, monitor: &Monitor) -> Result<Solution, Error> {
+        let n = self.map.texels.len() as f64;
+        expect(monitor, n * f64::from(LEARN));
+        let before = monitor.paths();
+        let mut solution = self.first(LEARN, monitor)?;
+        for _ in 0..ROUNDS {
+            let (error, mean) = adaptive::error(&solution.texels);
+            let goal = relative * self.luminance.unwrap_or(mean);
+            if error <= goal {
+                break;
+            }
+            let spent = monitor.paths() - before;
+            let wanted = adaptive::plan(self.map, &solution.texels, Goal::Error(AIM * goal)).total;
+            expect(monitor, (spent + wanted) as f64);
+            let growth = GROWTH * spent as f64;
+            let goal = if growth < wanted as f64 { Goal::Mean(growth / n) } else { Goal::Error(AIM * goal) };
+            if self.round(goal, &mut solution, monitor)? == 0 {
+                break;
+            }
+        }
+        Ok(solution)
+    }
+
+    fn budget(&self, monitor: &Monitor) -> Result<Solution, Error> {
+        let n = self.map.texels.len().max(1) as f64;
+        let begin = Instant::now();
+        let before = monitor.paths();
+        let mut solution = self.first(FIRST, monitor)?;
+        solution.rounds = vec![FIRST as f32];
+        let mut sampling = begin.elapsed().as_secs_f64();
+        for part in PARTS {
+            let left = self.deadline.saturating_duration_since(Instant::now()).as_secs_f64();
+            let spent = (monitor.paths() - before) as f64;
+            let rate = spent / sampling.max(1e-6);
+            expect(monitor, spent + rate * left);
+            // Quarters of a path keep the number short in the manifest, from which it can be replayed.
+            #[expect(clippy::cast_possible_truncation, reason = "a number of paths")]
+            let mean = (((spent + part * rate * left) / n * 4.0).floor() * 0.25) as f32;
+            let start = Instant::now();
+            self.round(Goal::Mean(f64::from(mean)), &mut solution, monitor)?;
+            sampling += start.elapsed().as_secs_f64();
+            solution.rounds.push(mean);
+        }
+        Ok(solution)
+    }
+}
+
+/// Tells whoever waits how many paths the page will have.
+fn expect(monitor: &Monitor, paths: f64) {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of paths")]
+    monitor.expect(paths.max(0.0) as u64);
+}
