@@ -59,6 +59,27 @@ impl WatertightRay {
         }
     }
 
+    /// The axes that become x, y and z: z is the dominant one.
+    #[must_use]
+    #[inline]
+    pub(crate) fn axes(&self) -> [usize; 3] {
+        self.k
+    }
+
+    /// The ray's origin on [`Self::axes`], metres.
+    #[must_use]
+    #[inline]
+    pub(crate) fn origin(&self) -> [f32; 3] {
+        self.k.map(|axis| self.origin[axis])
+    }
+
+    /// Shear of x and y by z, and 1 over the direction's z.
+    #[must_use]
+    #[inline]
+    pub(crate) fn shear(&self) -> [f32; 3] {
+        self.shear
+    }
+
     /// Distance and barycentric weights, or `None`. Edges are computed so that two triangles that
     /// share one never both miss it.
     #[must_use]
