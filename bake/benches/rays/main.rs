@@ -143,21 +143,23 @@ fn compare(
     (hits as f64 / rays.len() as f64, differ)
 }
 
-/// Nanoseconds that the first takes for all rays, and the others' times by it: medians.
+/// Nanoseconds that the first takes for all rays, and the others' times by it: medians. The methods
+/// take turns every few milliseconds, so that other work on the machine slows all of them.
 fn race(rays: &[Ray], methods: [&dyn Fn(&Ray); 3]) -> [f64; 3] {
-    let time = |f: &dyn Fn(&Ray)| {
-        let start = Instant::now();
-        rays.iter().for_each(f);
-        start.elapsed().as_secs_f64() * 1e9
-    };
-    methods.iter().for_each(|f| {
-        time(f);
-    });
     let mut rounds: Vec<[f64; 3]> = Vec::new();
-    for _ in 0..ROUNDS {
-        let [ours, fast, robust] = methods.map(time);
-        rounds.push([ours, fast / ours, robust / ours]);
+    for _ in 0..=ROUNDS {
+        let mut times = [0.0; 3];
+        for part in rays.chunks(5_000) {
+            for (time, method) in times.iter_mut().zip(methods) {
+                let start = Instant::now();
+                part.iter().for_each(method);
+                *time += start.elapsed().as_secs_f64() * 1e9;
+            }
+        }
+        rounds.push([times[0], times[1] / times[0], times[2] / times[0]]);
     }
+    // The first round warms up.
+    rounds.remove(0);
     [0, 1, 2].map(|i| {
         let mut column: Vec<f64> = rounds.iter().map(|r| r[i]).collect();
         column.sort_by(f64::total_cmp);

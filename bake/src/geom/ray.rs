@@ -38,7 +38,9 @@ impl WatertightRay {
     /// Chooses the dominant axis of the direction and the shear that aligns it with the ray.
     #[must_use]
     pub fn new(ray: &Ray) -> Self {
-        let d = ray.direction.to_array();
+        let (d, o) = (ray.direction, ray.origin);
+        // One by one: out of memory the parts would have to wait for the whole.
+        let (d, o) = ([d.x, d.y, d.z], [o.x, o.y, o.z]);
         let a = [d[0].abs(), d[1].abs(), d[2].abs()];
         let kz = if a[1] <= a[0] && a[2] <= a[0] {
             0
@@ -52,11 +54,7 @@ impl WatertightRay {
         if d[kz] < 0.0 {
             std::mem::swap(&mut kx, &mut ky);
         }
-        Self {
-            origin: ray.origin.to_array(),
-            k: [kx, ky, kz],
-            shear: [d[kx] / d[kz], d[ky] / d[kz], 1.0 / d[kz]],
-        }
+        Self { origin: o, k: [kx, ky, kz], shear: [d[kx] / d[kz], d[ky] / d[kz], 1.0 / d[kz]] }
     }
 
     /// The axes that become x, y and z: z is the dominant one.

@@ -9,7 +9,7 @@ use super::traverse::{self, Kernel, Slabs};
 use crate::geom::ray::{Hit, Ray, WatertightRay};
 use std::arch::x86_64::{
     __m256, _CMP_EQ_OQ, _CMP_LE_OQ, _CMP_LT_OQ, _CMP_NEQ_UQ, _mm256_add_ps, _mm256_and_ps, _mm256_andnot_ps,
-    _mm256_cmp_ps, _mm256_div_ps, _mm256_fmsub_ps, _mm256_load_ps, _mm256_max_ps, _mm256_min_ps,
+    _mm256_cmp_ps, _mm256_div_ps, _mm256_fmadd_ps, _mm256_load_ps, _mm256_max_ps, _mm256_min_ps,
     _mm256_movemask_ps, _mm256_mul_ps, _mm256_or_ps, _mm256_set1_ps, _mm256_setzero_ps, _mm256_store_ps,
     _mm256_sub_ps,
 };
@@ -126,8 +126,8 @@ fn mask(x: __m256) -> u32 {
 #[target_feature(enable = "avx2,fma,bmi1")]
 #[inline]
 fn boxes(k: &Avx2, node: &Node, limit: f32, near: &mut Lanes) -> u32 {
-    let enter = |a: usize| _mm256_fmsub_ps(row(&node.rows, k.rows_near[a]), k.inv_near[a], k.shift_near[a]);
-    let leave = |a: usize| _mm256_fmsub_ps(row(&node.rows, k.rows_far[a]), k.inv_far[a], k.shift_far[a]);
+    let enter = |a: usize| _mm256_fmadd_ps(row(&node.rows, k.rows_near[a]), k.inv_near[a], k.shift_near[a]);
+    let leave = |a: usize| _mm256_fmadd_ps(row(&node.rows, k.rows_far[a]), k.inv_far[a], k.shift_far[a]);
     // Where one operand is NaN both functions give the second: such an axis does not bound the ray.
     let begin =
         _mm256_max_ps(_mm256_max_ps(enter(1), enter(2)), _mm256_max_ps(enter(0), _mm256_setzero_ps()));

@@ -9,6 +9,7 @@ use glam::Vec3A;
 use obvhs::Boundable;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::node::Bvh2Node;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
@@ -37,7 +38,7 @@ fn bounds(corners: &[glam::Vec3; 3]) -> Aabb {
 #[expect(clippy::cast_possible_truncation, reason = "the loader admits fewer than 2^32 triangles")]
 pub(super) fn build(world: &World, take: impl Fn(u32) -> Option<Opacity>) -> Result<Bvh, Error> {
     let mut bvh = Bvh { blocks: vec![Block::empty()], asking: vec![0], ..Bvh::default() };
-    let mut triangles = Vec::new();
+    let mut triangles = Vec::with_capacity(world.triangles.len());
     for (i, v) in world.triangles.iter().enumerate() {
         let i = i as u32;
         if let Some(opacity) = take(i)
@@ -50,13 +51,27 @@ pub(super) fn build(world: &World, take: impl Fn(u32) -> Option<Opacity>) -> Res
     if triangles.is_empty() {
         return Ok(bvh);
     }
-    let tree =
-        binary(&triangles.iter().map(|t| Boxed(bounds(&world.triangles[t.0 as usize]))).collect::<Vec<_>>());
+    let boxed =
+        || triangles.iter().map(|t| Boxed(bounds(&world.triangles[t.0 as usize]))).collect::<Vec<_>>();
+    let mut tree = binary(&boxed());
     let areas: Vec<f32> = triangles.iter().map(|t| world.area(t.0)).collect();
-    let plan = Plan::new(&tree, &areas);
-    let most = Emit { world, triangles: &triangles, tree: &tree, plan: &plan, bvh: &mut bvh }.run();
-    if STACK < most {
-        return Err(Error::Usage(format!("the ray tree needs a stack of {most} entries, more than {STACK}")));
+    // About what will be needed: growing would copy them.
+    bvh.blocks.reserve(triangles.len() / 4);
+    bvh.asking.reserve(triangles.len() / 4);
+    bvh.nodes.reserve(triangles.len() / 24);
+    for last in [false, true] {
+        let plan = Plan::new(&tree, &areas);
+        let need = Emit { world, triangles: &triangles, plan: &plan, bvh: &mut bvh }.run();
+        if need <= STACK {
+            break;
+        }
+        if last {
+            return Err(Error::Usage(format!("the ray tree needs {need} stack entries, more than {STACK}")));
+        }
+        tree = balanced(&tree, &boxed());
+        bvh.nodes.clear();
+        bvh.blocks.truncate(1);
+        bvh.asking.truncate(1);
     }
     bvh.nodes.shrink_to_fit();
     bvh.blocks.shrink_to_fit();
@@ -76,6 +91,43 @@ fn binary(boxes: &[Boxed]) -> Bvh2 {
     );
     ReinsertionOptimizer::default().run(&mut tree, REINSERTED, None);
     tree
+}
+
+/// A tree of the least height over the same triangles in the same order, for those that a great many
+/// copies of one triangle make high.
+#[expect(clippy::cast_possible_truncation, reason = "the loader admits fewer than 2^32 triangles")]
+fn balanced(tree: &Bvh2, boxes: &[Boxed]) -> Bvh2 {
+    let mut leaves = Vec::with_capacity(boxes.len());
+    let mut work = vec![0];
+    while let Some(i) = work.pop() {
+        let node = &tree.nodes[i];
+        let first = node.first_index as usize;
+        if node.prim_count == 0 {
+            work.extend([first + 1, first]);
+        } else {
+            leaves.push(tree.primitive_indices[first]);
+        }
+    }
+    let mut nodes = vec![Bvh2Node::default()];
+    let mut work = vec![(0, 0, leaves.len())];
+    while let Some((i, from, to)) = work.pop() {
+        if to - from == 1 {
+            nodes[i] = Bvh2Node::new(boxes[leaves[from] as usize].0, 1, from as u32);
+        } else {
+            let (first, middle) = (nodes.len(), from.midpoint(to));
+            nodes[i].first_index = first as u32;
+            nodes.extend([Bvh2Node::default(); 2]);
+            work.extend([(first, from, middle), (first + 1, middle, to)]);
+        }
+    }
+    // Children come after their parents.
+    for i in (0..nodes.len()).rev() {
+        if nodes[i].prim_count == 0 {
+            let first = nodes[i].first_index as usize;
+            nodes[i].aabb = nodes[first].aabb.union(&nodes[first + 1].aabb);
+        }
+    }
+    Bvh2 { nodes, primitive_indices: leaves, ..Bvh2::default() }
 }
 
 /// What to make of a subtree of the binary tree.
@@ -120,10 +172,10 @@ impl<'a> Plan<'a> {
         for &i in order.iter().rev() {
             let node = &tree.nodes[i as usize];
             let [l, r] = [0, 1].map(|side| plan.of(node.first_index as usize + side));
+            // Always some split, also where areas are beyond the largest number.
             let split = |n: usize| {
-                let range = 1.max(n.saturating_sub(WIDTH - 1))..n.min(WIDTH);
-                let costs = range.map(|k| (l.cost[k - 1] + r.cost[n - k - 1], k as u8));
-                costs.fold((f32::INFINITY, 0), |best, x| if x.0 < best.0 { x } else { best })
+                let cost = |k: usize| (l.cost[k - 1] + r.cost[n - k - 1], k as u8);
+                (2..n).map(cost).fold(cost(1), |best, x| if x.0 < best.0 { x } else { best })
             };
             let mut choice = Choice {
                 count: l.count.saturating_add(r.count),
@@ -132,9 +184,9 @@ impl<'a> Plan<'a> {
             };
             let area = node.aabb.half_area();
             let (inner, left) = split(WIDTH);
-            let as_block = if usize::from(choice.count) <= WIDTH { BLOCK_COST * area } else { f32::INFINITY };
-            (choice.cost[0], choice.left[0]) =
-                if as_block <= inner + area { (as_block, 0) } else { (inner + area, left) };
+            let (inner, as_block) = (inner + area, BLOCK_COST * area);
+            let is_block = usize::from(choice.count) <= WIDTH && (as_block <= inner || !inner.is_finite());
+            (choice.cost[0], choice.left[0]) = if is_block { (as_block, 0) } else { (inner, left) };
             for n in 2..WIDTH {
                 let (cost, left) = split(n);
                 (choice.cost[n - 1], choice.left[n - 1]) =
@@ -163,7 +215,6 @@ impl<'a> Plan<'a> {
 struct Emit<'a> {
     world: &'a World,
     triangles: &'a [(u32, bool)],
-    tree: &'a Bvh2,
     plan: &'a Plan<'a>,
     bvh: &'a mut Bvh,
 }
@@ -194,7 +245,7 @@ impl Emit<'_> {
                     work.push((i, index, waiting));
                     Child(index as u32)
                 };
-                let b = self.tree.nodes[i].aabb;
+                let b = self.plan.tree.nodes[i].aabb;
                 node.set(lane, b.min, b.max, child);
             }
             self.bvh.nodes[here] = node;
@@ -206,7 +257,7 @@ impl Emit<'_> {
     /// that is the one with the best chance of a hit for its cost. Lines through a box hit something
     /// in it in proportion to the area inside, were there no overlap.
     fn children(&self, source: usize) -> Vec<usize> {
-        let tree = self.tree;
+        let tree = self.plan.tree;
         let first = tree.nodes[source].first_index as usize;
         let left = usize::from(self.plan.of(source).left[0]);
         let mut out = Vec::with_capacity(WIDTH);
@@ -233,12 +284,12 @@ impl Emit<'_> {
         let mut triangles = Vec::with_capacity(WIDTH);
         let mut work = vec![source];
         while let Some(i) = work.pop() {
-            let node = &self.tree.nodes[i];
+            let node = &self.plan.tree.nodes[i];
             let first = node.first_index as usize;
             if node.prim_count == 0 {
                 work.extend([first, first + 1]);
             } else {
-                triangles.push(self.triangles[self.tree.primitive_indices[first] as usize]);
+                triangles.push(self.triangles[self.plan.tree.primitive_indices[first] as usize]);
             }
         }
         triangles.sort_unstable();

@@ -24,8 +24,8 @@ impl Kernel for Portable {
             let (enter, leave) = (&node.rows[s.rows_near[axis]].0, &node.rows[s.rows_far[axis]].0);
             for i in 0..WIDTH {
                 // These functions pass over NaN: such an axis does not bound the ray.
-                near.0[i] = near.0[i].max(enter[i] * s.inv_near[axis] - s.shift_near[axis]);
-                far[i] = far[i].min(leave[i] * s.inv_far[axis] - s.shift_far[axis]);
+                near.0[i] = near.0[i].max(enter[i] * s.inv_near[axis] + s.shift_near[axis]);
+                far[i] = far[i].min(leave[i] * s.inv_far[axis] + s.shift_far[axis]);
             }
         }
         (0..WIDTH).fold(0, |mask, i| mask | u32::from(near.0[i] <= far[i]) << i)

@@ -23,7 +23,7 @@ pub(super) trait Kernel {
     fn triangles(&self, block: &Block, limit: f32, hits: &mut Hits) -> u32;
 }
 
-/// The slabs of a ray, ready for `plane * inv - shift`.
+/// The slabs of a ray, ready for `plane * inv + shift`.
 ///
 /// With the unit of rounding `u = 2^-24` the distance to a plane is off by at most `3 u` of itself,
 /// from the reciprocal, the product and the difference, and by `2 u` of the distance between the
@@ -57,8 +57,8 @@ impl Slabs {
         Self {
             inv_near,
             inv_far,
-            shift_near: ray.origin * inv_near + slack,
-            shift_far: ray.origin * inv_far - slack,
+            shift_near: -(ray.origin * inv_near + slack),
+            shift_far: slack - ray.origin * inv_far,
             rows_near,
             rows_far: rows_near.map(|r| r ^ 1),
         }
@@ -66,16 +66,23 @@ impl Slabs {
 }
 
 /// A stack that is not filled before it is used: clearing it would take as long as some nodes do.
-struct Stack<T> {
-    items: [MaybeUninit<T>; STACK],
+struct Stack<'a, T> {
+    /// Not in here, so that `len` stays in a register.
+    items: &'a mut [MaybeUninit<T>; STACK],
     len: usize,
 }
 
+/// Room for a [`Stack`].
+#[inline(always)]
+const fn room<T>() -> [MaybeUninit<T>; STACK] {
+    [const { MaybeUninit::uninit() }; STACK]
+}
+
 #[expect(unsafe_code, reason = "bounds checks in the innermost loop; the build bounds the height")]
-impl<T: Copy> Stack<T> {
+impl<'a, T: Copy> Stack<'a, T> {
     #[inline(always)]
-    fn new() -> Self {
-        Self { items: [const { MaybeUninit::uninit() }; STACK], len: 0 }
+    fn new(items: &'a mut [MaybeUninit<T>; STACK]) -> Self {
+        Self { items, len: 0 }
     }
 
     #[inline(always)]
@@ -158,7 +165,8 @@ pub(super) fn closest<K: Kernel>(bvh: &Bvh, ray: &Ray, accept: impl Fn(&Hit) -> 
     let mut best = Hit { t: ray.t_max, triangle: u32::MAX, bary: [0.0; 3] };
     // Ties stay visible to later triangles: the limit is the next float above the nearest hit.
     let mut limit = ray.t_max;
-    let mut stack = Stack::new();
+    let mut room = room();
+    let mut stack = Stack::new(&mut room);
     let mut near = Lanes::default();
     let mut hits = Hits::default();
     let mut current = bvh.root;
@@ -223,7 +231,8 @@ pub(super) fn occluded<K: Kernel>(bvh: &Bvh, ray: &Ray, mut blocks: impl FnMut(&
         return false;
     }
     let kernel = K::new(ray);
-    let mut stack = Stack::new();
+    let mut room = room();
+    let mut stack = Stack::new(&mut room);
     let mut near = Lanes::default();
     let mut hits = Hits::default();
     let mut current = bvh.root;
