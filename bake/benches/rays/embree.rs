@@ -39,7 +39,8 @@ type Trace = unsafe extern "C" fn(Handle, *mut Context, *mut RayHit);
 
 /// The library.
 pub(crate) struct Embree {
-    library: Library,
+    /// Never unloaded: its threads go on until the program ends.
+    library: &'static Library,
 }
 
 /// A committed scene of one triangle mesh.
@@ -64,7 +65,7 @@ impl Embree {
     pub(crate) fn open() -> Option<Self> {
         // SAFETY: the library's initialisers have no requirements.
         let library = unsafe { Library::new("libembree3.so.3") }.ok()?;
-        Some(Self { library })
+        Some(Self { library: Box::leak(Box::new(library)) })
     }
 
     /// A scene with Embree's default quality. `robust` asks for its watertight tests.
@@ -77,7 +78,7 @@ impl Embree {
         // SAFETY: names and signatures are those of `rtcore.h` of Embree 3; buffers live as long as
         // the scene and hold 16 bytes more than are read.
         unsafe {
-            let l = &self.library;
+            let l = self.library;
             let new_device: Symbol<unsafe extern "C" fn(*const c_char) -> Handle> = l.get(b"rtcNewDevice")?;
             let new_scene: Symbol<unsafe extern "C" fn(Handle) -> Handle> = l.get(b"rtcNewScene")?;
             let flags: Symbol<unsafe extern "C" fn(Handle, c_uint)> = l.get(b"rtcSetSceneFlags")?;

@@ -4,7 +4,7 @@
 //! BAKE_SHARED=FOLDER cargo bench -p bake --bench rays [-- RAYS]
 //! ```
 //!
-//! Each round times both right after each other; ratios are Embree's time by ours, so that above 1
+//! Each round times all right after each other; ratios are Embree's time by ours, so that above 1
 //! ours is faster, and the median over the rounds is what counts. Hits are compared as well.
 #![expect(clippy::print_stdout, reason = "the table is what the program is for")]
 
