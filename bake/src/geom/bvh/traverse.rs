@@ -178,6 +178,7 @@ pub(super) fn closest<K: Kernel>(bvh: &Bvh, ray: &Ray, accept: impl Fn(&Hit) -> 
                 break;
             }
             let first = take(&mut mask);
+            bvh.prefetch(node.child[first]);
             if mask == 0 {
                 current = node.child[first];
                 continue;
@@ -186,8 +187,7 @@ pub(super) fn closest<K: Kernel>(bvh: &Bvh, ray: &Ray, accept: impl Fn(&Hit) -> 
             let b = entry(&near, node, take(&mut mask));
             let (mut low, high) = (a.min(b), a.max(b));
             let base = stack.len;
-            bvh.prefetch(child(low));
-            bvh.prefetch(child(high));
+            bvh.prefetch(child(b));
             stack.push(high);
             if mask != 0 {
                 stack.push(low);
