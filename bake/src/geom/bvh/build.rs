@@ -146,7 +146,7 @@ struct Choice {
 
 /// The cheapest tree of wide nodes that keeps the order of the binary one, found from the leaves up,
 /// after \[YKL17\] Ylitie, Karras & Laine, "Efficient Incoherent Ray Traversal on GPUs Through
-/// Compressed Wide BVHs", HPG 2017, section 4.1: the cost of a node or a block is the area of its
+/// Compressed Wide BVHs", HPG 2017: the cost of a node or a block is the area of its
 /// box, which rays meet in proportion to it.
 struct Plan<'a> {
     tree: &'a Bvh2,
