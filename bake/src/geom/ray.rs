@@ -38,7 +38,9 @@ impl WatertightRay {
     /// Chooses the dominant axis of the direction and the shear that aligns it with the ray.
     #[must_use]
     pub fn new(ray: &Ray) -> Self {
-        let d = ray.direction.to_array();
+        let (d, o) = (ray.direction, ray.origin);
+        // One by one: out of memory the parts would have to wait for the whole.
+        let (d, o) = ([d.x, d.y, d.z], [o.x, o.y, o.z]);
         let a = [d[0].abs(), d[1].abs(), d[2].abs()];
         let kz = if a[1] <= a[0] && a[2] <= a[0] {
             0
@@ -52,11 +54,28 @@ impl WatertightRay {
         if d[kz] < 0.0 {
             std::mem::swap(&mut kx, &mut ky);
         }
-        Self {
-            origin: ray.origin.to_array(),
-            k: [kx, ky, kz],
-            shear: [d[kx] / d[kz], d[ky] / d[kz], 1.0 / d[kz]],
-        }
+        Self { origin: o, k: [kx, ky, kz], shear: [d[kx] / d[kz], d[ky] / d[kz], 1.0 / d[kz]] }
+    }
+
+    /// The axes that become x, y and z: z is the dominant one.
+    #[must_use]
+    #[inline]
+    pub(crate) fn axes(&self) -> [usize; 3] {
+        self.k
+    }
+
+    /// The ray's origin on [`Self::axes`], metres.
+    #[must_use]
+    #[inline]
+    pub(crate) fn origin(&self) -> [f32; 3] {
+        self.k.map(|axis| self.origin[axis])
+    }
+
+    /// Shear of x and y by z, and 1 over the direction's z.
+    #[must_use]
+    #[inline]
+    pub(crate) fn shear(&self) -> [f32; 3] {
+        self.shear
     }
 
     /// Distance and barycentric weights, or `None`. Edges are computed so that two triangles that
