@@ -84,6 +84,19 @@ pub fn plan(map: &TexelMap, texels: &[Texel], goal: Goal) -> Round {
     Round { paths, total }
 }
 
+/// What [`Goal::Error`] takes the error for at present, nits: that of the neighbours' deviations. It differs a
+/// little from [`error`], which is what the texels themselves say.
+#[must_use]
+pub fn predicted(map: &TexelMap, texels: &[Texel]) -> f64 {
+    let valid = texels.iter().filter(|t| t.validity == Validity::Valid).count() as f64;
+    let squares: f64 = smoothed(map, texels)
+        .iter()
+        .zip(texels)
+        .map(|(&s, t)| f64::from(s).powi(2) / f64::from(t.paths).max(1.0))
+        .sum();
+    (squares / valid.max(1.0)).sqrt()
+}
+
 /// Root mean squared standard error of the valid texels, and their mean luminance, nits.
 #[must_use]
 pub fn error(texels: &[Texel]) -> (f64, f64) {
@@ -140,14 +153,14 @@ mod tests {
         #[expect(clippy::cast_possible_truncation, reason = "a few texels")]
         let n = errors.len() as u32;
         // Two columns apart: no texel is its neighbour's neighbour.
-        let map = TexelMap {
-            width: 2 * n,
-            height: 1,
-            texels: (0..n).map(|i| 2 * i).collect(),
-            ..TexelMap::default()
+        let mut map = TexelMap::default();
+        (map.width, map.height) = (2 * n, 1);
+        map.texels = (0..n).map(|i| 2 * i).collect();
+        let texel = |&e: &f32| {
+            let mut texel = Texel::default();
+            (texel.std_err, texel.direct, texel.paths) = (Vec3::splat(e), Vec3::ONE, 16);
+            texel
         };
-        let texel =
-            |&e: &f32| Texel { std_err: Vec3::splat(e), direct: Vec3::ONE, paths: 16, ..Texel::default() };
         (map, errors.iter().map(texel).collect())
     }
 

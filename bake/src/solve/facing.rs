@@ -29,6 +29,12 @@ const LOOKS: u32 = 8;
 /// Paths from each of them.
 const PATHS: u32 = 8;
 
+/// A front counts as dark where at most one path in so many finds light.
+const DARK: usize = 64;
+
+/// A back counts as lit where at least one path in so many finds light, and eight times as many as of the front.
+const LIT: usize = 16;
+
 /// Widest cavity, texels.
 const CAVITY: f32 = 24.0;
 
@@ -75,12 +81,12 @@ fn is_turned(kernel: &Kernel<'_>, map: &TexelMap, texels: &[usize], page: usize,
     };
     let cavity = narrow(Side::Front) && !narrow(Side::BackOfDoubleSided);
     let (front, fronts) = lit(Side::Front);
-    // A front that is not lit at all shows its back, whatever is around it.
-    if fronts < 10 * front || (0 < front && !cavity) {
+    // A front that is as good as dark shows its back, whatever is around it.
+    if fronts < 10 * front || (fronts < DARK * front && !cavity) {
         return false;
     }
     let (back, backs) = lit(Side::BackOfDoubleSided);
-    backs <= 4 * back
+    backs <= LIT * back && 8 * front * backs <= back * fronts
 }
 
 /// How many of the questions to a side were answered with yes, and how many were answered.

@@ -125,10 +125,11 @@ impl Task<'_> {
                 break;
             }
             let spent = monitor.paths() - before;
-            let wanted = adaptive::plan(self.map, &solution.texels, Goal::Error(AIM * goal)).total;
+            let aim = AIM * goal * adaptive::predicted(self.map, &solution.texels) / error;
+            let wanted = adaptive::plan(self.map, &solution.texels, Goal::Error(aim)).total;
             expect(monitor, (spent + wanted) as f64);
             let growth = GROWTH * spent as f64;
-            let goal = if growth < wanted as f64 { Goal::Mean(growth / n) } else { Goal::Error(AIM * goal) };
+            let goal = if growth < wanted as f64 { Goal::Mean(growth / n) } else { Goal::Error(aim) };
             if self.round(goal, &mut solution, monitor)? == 0 {
                 break;
             }

@@ -198,7 +198,7 @@ impl Kernel<'_> {
             *rays += 1;
             let Some(hit) = self.closest(&ray) else {
                 let other = self.sky_density(from, wi);
-                leg.emitted += through * self.lights.sky.radiance(wi) * (pdf / (pdf + other));
+                leg.emitted += through * self.lights.sky.radiance(wi) * balance(pdf, other);
                 return leg;
             };
             travelled += hit.t;
@@ -207,7 +207,7 @@ impl Kernel<'_> {
             if met.emits {
                 let other =
                     self.lights.emitters.pdf(from.position, from.shading_normal, hit.triangle, wi, travelled);
-                leg.emitted += through * met.shade.emission * (pdf / (pdf + other));
+                leg.emitted += through * met.shade.emission * balance(pdf, other);
             }
             match met.onward(sequence) {
                 Onward::Absorbed => return leg,
@@ -234,6 +234,12 @@ impl Kernel<'_> {
     }
 }
 
+/// Weight of the one of two ways to sample that was taken, from their densities: \[Vea97\] eq. 9.8. A
+/// direction within the surface's plane has density 0 and brings nothing.
+fn balance(taken: f32, other: f32) -> f32 {
+    if 0.0 < taken { taken / (taken + other) } else { 0.0 }
+}
+
 /// A ray's way from one reflection to the next.
 struct Leg {
     /// Emission met on the way, weighted against next-event estimation, nits.
@@ -244,4 +250,18 @@ struct Leg {
     arrival: Arrival,
     /// Length of the way, metres.
     travelled: f32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_are_finite_at_the_ends() {
+        assert_eq!(balance(0.0, 0.0), 0.0, "along the surface, nothing else samples");
+        assert_eq!(balance(0.0, 1.0), 0.0);
+        assert_eq!(balance(1.0, 0.0), 1.0);
+        assert!(balance(1.0, f32::MAX) < 1e-30);
+        assert_eq!(balance(0.25, 0.75), 0.25);
+    }
 }
