@@ -17,16 +17,17 @@ const CHECKER: usize = 8;
 /// Exposure for linear colours: 0.18, a photographer's middle grey, over the log-average luminance.
 ///
 /// The darkest and the brightest twentieth are left out of the average, so that neither a lamp nor
-/// an all but black corner decides; black and non-finite colours do not count. 1 where none is left.
+/// an all but black corner decides; nor does what is a thousand times darker than the brightest that is
+/// left, such as the far sides of bodies in space. Black and non-finite colours do not count. 1 where none
+/// is left.
 #[must_use]
 pub fn auto_exposure(colors: impl Iterator<Item = [f32; 3]>) -> f32 {
     let mut values: Vec<f64> = colors.map(luminance).filter(|l| 0.0 < *l && l.is_finite()).collect();
     values.par_sort_unstable_by(f64::total_cmp);
     let margin = values.len() / 20;
     let middle = &values[margin..values.len() - margin];
-    if middle.is_empty() {
-        return 1.0;
-    }
+    let Some(brightest) = middle.last() else { return 1.0 };
+    let middle = &middle[middle.partition_point(|l| *l < 1e-3 * brightest)..];
     #[expect(clippy::cast_precision_loss, reason = "a picture has far fewer than 2^53 pixels")]
     let mean = middle.iter().map(|l| l.ln()).sum::<f64>() / middle.len() as f64;
     #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the result")]
@@ -189,6 +190,8 @@ mod tests {
         let plain = auto_exposure(scene());
         let with_lamp = auto_exposure(scene().chain(std::iter::repeat_n(grey(1e9), 20)));
         assert!((with_lamp / plain - 1.0).abs() < 0.02, "{plain} {with_lamp}");
+        let with_dark = auto_exposure(scene().chain(std::iter::repeat_n(grey(1e-5), 3000)));
+        assert!((with_dark / plain - 1.0).abs() < 0.1, "{plain} {with_dark}");
         let doubled = auto_exposure(scene().map(|c| c.map(|v| 2.0 * v)));
         assert!((2.0 * doubled / plain - 1.0).abs() < 1e-6, "{plain} {doubled}");
         assert_eq!(auto_exposure([grey(0.0), grey(f32::NAN), grey(f32::INFINITY)].into_iter()), 1.0);
