@@ -34,6 +34,16 @@ fn an_error_that_is_asked_for_is_reached_and_not_far_exceeded() {
     }
 }
 
+/// Several pages share one error, and no page is as good as all of them.
+#[test]
+fn an_error_is_reached_over_several_pages() {
+    let args = ["--target-error", "0.08", "--texels-per-metre", "12", "--max-size", "96"];
+    let baked = tool::baked(&room(Room::default()), &args);
+    assert!(1 < baked.pages.len(), "{} pages", baked.pages.len());
+    let reached = baked.manifest.error.relative.unwrap_or(f64::NAN);
+    assert!(0.03 <= reached && reached <= 0.08, "{reached} on {} pages", baked.pages.len());
+}
+
 /// A bake by the clock says which rounds it did, and those give the same bytes.
 #[test]
 fn a_time_budget_can_be_replayed() {

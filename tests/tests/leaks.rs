@@ -19,6 +19,18 @@ fn nothing_passes_a_wall() {
     }
 }
 
+/// A hollow panel is seen from outside, whichever way it is wound.
+#[test]
+fn a_panel_wound_inwards_shows_its_outside() {
+    let light = |inward: bool| {
+        let args = ["--samples", "64", "--texels-per-metre", "16"];
+        tool::baked(&closed::panel(inward), &args).node_means()["panel"][0]
+    };
+    let (outward, inward) = (light(false), light(true));
+    let off = (inward - outward).abs().max_element();
+    assert!(off <= 0.03 * outward.max_element(), "{outward} nits wound outwards, {inward} inwards");
+}
+
 #[test]
 fn behind_an_opaque_wall_it_is_exactly_black() {
     let baked = tool::baked(&closed::lamp_in_a_box(), &["--samples", "16", "--texels-per-metre", "5"]);

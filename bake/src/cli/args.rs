@@ -48,7 +48,7 @@ pub(crate) struct SceneArgs {
 pub(crate) struct SettingsArgs {
     /// Preset [default: medium]
     ///
-    /// draft: 16 paths per texel, one page of at most 1024^2;
+    /// draft: 16 paths per texel on average, one page of at most 1024^2;
     /// medium: 64 paths, 2048^2;
     /// high: 512 paths, 4096^2
     #[arg(long, value_enum)]
@@ -85,8 +85,8 @@ pub(crate) struct SettingsArgs {
     /// Media; this version bakes surfaces only
     #[arg(long, value_enum)]
     pub(crate) media: Option<MediaArg>,
-    /// End paths at irradiance gathered beforehand: much less noise, a bias of about 1 %; a limit of
-    /// --bounces rules it out
+    /// End paths at irradiance gathered beforehand: much less noise, a small bias that README states; a
+    /// limit of --bounces rules it out
     #[arg(long, value_enum, value_name = "WHETHER", default_value = "on")]
     pub(crate) irradiance_cache: OnOff,
     /// Also write direct and indirect light apart

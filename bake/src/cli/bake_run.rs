@@ -14,10 +14,9 @@ use crate::plan::{self, Plan};
 use crate::solve::accumulate::Gate;
 use crate::solve::cache::Cells;
 use crate::solve::pilot::{self, Learnt};
-use crate::solve::{Monitor, adaptive, facing, lightmap, schedule};
+use crate::solve::{Monitor, facing, lightmap, schedule};
 use crate::transport::cache::IrradianceCache;
 use crate::transport::{Kernel, Vertex};
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -155,7 +154,15 @@ impl Job<'_> {
         let unbiased = kernel;
         let kernel = Kernel { cache: cache.as_ref(), ..kernel };
         self.watch.lap("cache");
-        let luminance = self.luminance(&kernel)?;
+        let luminance = match settings.sampling {
+            Sampling::Target(_) => {
+                let effort = effort(self.plan, 0, settings.seed);
+                say::watch(self.style, "mean luminance", 0, &baked.monitor, self.interrupt, || {
+                    schedule::mean_luminance(&kernel, atlas, effort, &baked.monitor)
+                })?
+            }
+            _ => None,
+        };
         self.watch.lap("pilot");
         for number in 0..atlas.pages.len() {
             let map = TexelMap::build(self.plan.scene(), atlas, number);
@@ -165,7 +172,7 @@ impl Job<'_> {
             let name = format!("page {} of {}", number + 1, atlas.pages.len());
             let solution = say::watch(self.style, &name, total, &baked.monitor, self.interrupt, || {
                 let effort = effort(self.plan, settings.samples, settings.seed);
-                let turned = facing::turned_charts(&unbiased, atlas, &map, number, effort);
+                let turned = facing::turned_charts(&unbiased, atlas, &map, number, effort, &baked.monitor);
                 let task = schedule::Task {
                     kernel: &kernel,
                     atlas,
@@ -197,29 +204,6 @@ impl Job<'_> {
             self.interrupt.check()?;
         }
         Ok(baked)
-    }
-
-    /// Mean luminance of all pages, nits, where an error is wanted of several together: from a few texels of
-    /// each. One page knows its own better.
-    fn luminance(&self, kernel: &Kernel<'_>) -> Result<Option<f64>, Error> {
-        let (plan, atlas) = (self.plan, self.plan.atlas());
-        if !matches!(plan.settings().sampling, Sampling::Target(_)) || atlas.pages.len() < 2 {
-            return Ok(None);
-        }
-        let (mut sum, mut n) = (0.0, 0.0);
-        for page in 0..atlas.pages.len() {
-            self.interrupt.check()?;
-            let map = TexelMap::build(plan.scene(), atlas, page);
-            let few = map.thinned(LOOKED_AT);
-            let effort = effort(plan, 16, plan.settings().seed);
-            let monitor = Monitor::default();
-            let solution =
-                lightmap::bake_page(kernel, atlas, &few, page, effort, &BTreeSet::new(), &monitor)?;
-            let weight = map.texels.len() as f64;
-            sum += adaptive::error(&solution.texels).1 * weight;
-            n += weight;
-        }
-        Ok(Some(sum / f64::max(n, 1.0)))
     }
 
     /// When sampling of a page has to end: its share of what a time budget leaves beside what comes after.
@@ -283,9 +267,6 @@ impl Job<'_> {
         Ok(())
     }
 }
-
-/// Texels of each page from which the mean luminance of all is estimated.
-const LOOKED_AT: usize = 4096;
 
 /// What a time budget keeps for the preview picture, seconds; measured 0.5 to 1 on two cores.
 const PICTURE_SECONDS: f64 = 0.8;

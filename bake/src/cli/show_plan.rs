@@ -3,13 +3,15 @@
 #![expect(clippy::print_stdout, reason = "the plan is the command's result")]
 
 use crate::cli::args::PlanArgs;
-use crate::cli::bake_run::{effort, kernel, learn};
+use crate::cli::bake_run::{cells, effort, kernel, learn};
 use crate::cli::input;
 use crate::cli::say::{self, Interrupt, Style};
 use crate::error::Error;
 use crate::geom::texel::TexelMap;
 use crate::plan::{self, Memory, Plan};
 use crate::solve::{Monitor, lightmap};
+use crate::transport::Kernel;
+use crate::transport::cache::IrradianceCache;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::process::ExitCode;
@@ -52,6 +54,8 @@ impl Cost {
     fn measure(plan: &Plan) -> Result<Self, Error> {
         let learnt = learn(plan);
         let kernel = learnt.guide(kernel(plan));
+        let (cache, cache_seconds) = Self::cache(plan, &kernel)?;
+        let kernel = Kernel { cache: cache.as_ref(), ..kernel };
         let (mut covered, mut seconds, mut paths) = (0u64, 0.0, 0u64);
         for page in 0..plan.atlas().pages.len() {
             let map = TexelMap::build(plan.scene(), plan.atlas(), page);
@@ -78,7 +82,21 @@ impl Cost {
         }
         let paths_per_second = paths.max(1) as f64 / seconds.max(1e-9);
         let all = plan.settings().paths(covered);
-        Ok(Self { covered, paths: all, seconds: all.map(|n| n as f64 / paths_per_second) })
+        Ok(Self { covered, paths: all, seconds: all.map(|n| cache_seconds + n as f64 / paths_per_second) })
+    }
+
+    /// An irradiance cache of few paths, and about how long the whole one will take, seconds.
+    fn cache(plan: &Plan, kernel: &Kernel<'_>) -> Result<(Option<IrradianceCache>, f64), Error> {
+        if !plan.settings().caches() {
+            return Ok((None, 0.0));
+        }
+        let cells = cells(plan, kernel);
+        let all = cells.paths() as f64;
+        let few = cells.with_samples(1);
+        let start = Instant::now();
+        let cache = few.fill(kernel, &Monitor::default())?;
+        let seconds = start.elapsed().as_secs_f64();
+        Ok((Some(cache), seconds * all / few.paths().max(1) as f64))
     }
 }
 
@@ -130,7 +148,8 @@ fn print(plan: &Plan, cost: &Cost, memory: &Memory, explain: bool, units: &str, 
             ("atlas", m.atlas),
             ("rays", m.tracing),
             ("or building their tree", m.build),
-            ("gathering a page", m.gather),
+            ("finding the irradiance cache", m.cache),
+            ("or gathering a page", m.gather),
             ("or writing a page", m.write),
             ("or writing the scene", m.export),
         ] {

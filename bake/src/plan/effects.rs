@@ -1,6 +1,7 @@
 //! What a scene contains, and what runs because of it.
 
 use crate::light::Lights;
+use crate::plan::settings::Settings;
 use crate::scene::model::{AlphaMode, LightMode, LightmapMode, Scene};
 use serde::Serialize;
 
@@ -17,7 +18,7 @@ pub struct Effect {
 
 /// All effects, those that run and those that do not.
 #[must_use]
-pub fn list(scene: &Scene, lights: &Lights) -> Vec<Effect> {
+pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> {
     let used = |f: &dyn Fn(&crate::scene::model::Material) -> bool| {
         scene.surfaces.iter().filter(|s| f(&scene.materials[s.material])).count()
     };
@@ -70,6 +71,15 @@ pub fn list(scene: &Scene, lights: &Lights) -> Vec<Effect> {
         effect("surfaces without lightmap", 0 < off, count(off, "surface") + " lit at run time"),
         effect("mixed lights", 0 < mixed, count(mixed, "light") + " of which only indirect light is baked"),
         effect("dynamic lights", false, count(dynamic, "light") + " left to the game"),
+        effect(
+            "irradiance cache",
+            settings.caches(),
+            match (settings.irradiance_cache, settings.bounces) {
+                (true, None) => "paths end at irradiance gathered beforehand".to_owned(),
+                (true, Some(n)) => format!("ruled out by the limit of {n} reflections"),
+                (false, _) => "switched off: paths go on to their last reflection".to_owned(),
+            },
+        ),
         effect("media", false, "surfaces only: --media off".to_owned()),
     ]
 }

@@ -3,7 +3,7 @@
 //! A bake goes through stages, each with its own working memory over what stays: loading and
 //! unwrapping, building the tree, then for each page gathering, putting together and writing, at
 //! last `scene.glb`. The peak is that of the largest stage. All terms follow from sizes of data;
-//! the two that were measured, `PROGRAM` and `UNWRAP_PER_VERTEX`, say so.
+//! those that were measured, `PROGRAM`, `UNWRAP_PER_VERTEX` and a part of `BUILD_PER_TRIANGLE`, say so.
 
 use super::Plan;
 use crate::geom::atlas::{Atlas, Layout, NO_CHART};
@@ -65,6 +65,12 @@ const PER_CORNERS: u64 = 24;
 /// Bytes of the solution for each covered texel.
 pub(crate) const PER_SOLVED: u64 = 52;
 
+/// Deviation and next paths of each covered texel while a round is planned, and its variance on the page.
+const PER_COVERED_PLANNED: u64 = 8;
+
+/// See [`PER_COVERED_PLANNED`].
+const PER_TEXEL_PLANNED: u64 = 4;
+
 /// Bytes per texel of a page in memory: radiance and standard error (12 each), coverage (4).
 const PER_TEXEL: u64 = 28;
 
@@ -91,7 +97,7 @@ const PER_TEXEL_IMAGE: u64 = 6;
 const PER_CACHE_CELL: u64 = 96;
 
 /// A record of the irradiance cache.
-const PER_CACHE_RECORD: u64 = 24;
+pub(crate) const PER_CACHE_RECORD: u64 = 24;
 
 /// A point that was found for the irradiance cache.
 pub(crate) const PER_CACHE_POINT: u64 = 24;
@@ -127,7 +133,8 @@ impl Memory {
         let (mut kept, mut gather, mut write) = (filled, 0, 0);
         for load in page_loads(atlas) {
             let map = PER_LISTED * load.covered + PER_ENTRY * load.entries + PER_CORNERS * load.triangles;
-            let solved = map + PER_SOLVED * load.covered;
+            let planned = PER_COVERED_PLANNED * load.covered + PER_TEXEL_PLANNED * load.texels;
+            let solved = map + PER_SOLVED * load.covered + planned;
             let assembled = map + (per_texel + PER_TEXEL_FLAGS) * load.texels;
             let dilated = (per_texel + PER_TEXEL_DILATED) * load.texels + PER_BORDER * load.border;
             // The EXR library holds a block for each thread and two more, raw, sorted and compressed.

@@ -129,7 +129,7 @@ impl Plan {
     /// What the scene contains and what will run because of it.
     #[must_use]
     pub fn effects(&self) -> Vec<Effect> {
-        effects::list(&self.scene, &self.tracing.lights)
+        effects::list(&self.scene, &self.tracing.lights, &self.settings)
     }
 
     /// Bytes that the bake will need at its peak; `document` is what the scene came from.

@@ -63,6 +63,12 @@ impl Cells {
         cells
     }
 
+    /// The same places for texels of another number of paths.
+    #[must_use]
+    pub fn with_samples(self, samples: u32) -> Self {
+        Self { samples, ..self }
+    }
+
     fn list(&self) -> Vec<&[Point]> {
         self.points.chunk_by(|a, b| a.cell == b.cell).collect()
     }
@@ -217,12 +223,7 @@ fn gather(kernel: &Kernel<'_>, points: &[Point], n: u32, key: u64, values: &mut 
 fn vertex(kernel: &Kernel<'_>, p: &Point) -> Vertex {
     let bary = [p.bary[0], p.bary[1], 1.0 - p.bary[0] - p.bary[1]];
     let at = kernel.world.point(kernel.scene, p.triangle, bary);
-    let front = Vertex {
-        position: at.position,
-        geometric_normal: at.geometric_normal,
-        shading_normal: at.shading_normal,
-        offset: at.offset,
-    };
+    let front = Vertex::front(&at);
     debug_assert!(at.geometric_normal != Vec3A::ZERO, "rays do not hit triangles without area");
     if p.front { front } else { front.turned() }
 }

@@ -2,17 +2,18 @@
 //!
 //! Many files build cupboards, panels and frames of double-sided sheets wound the wrong way round: the
 //! front looks into a cavity and the back is what anybody sees. A texel holds the light of one side,
-//! so a chart is turned as a whole where its back is lit and its front is not, or where its front sees
-//! nothing but its own narrow cavity and next to no light. Rooms built of single sheets are no cavities:
-//! they are wide.
+//! so a chart is turned as a whole where its back is lit and its front is dark, or where the back is ten
+//! times as bright and the front sees nothing but its own narrow cavity. Rooms built of single sheets are no
+//! cavities: they are wide.
 
 use crate::geom::atlas::Atlas;
 use crate::geom::texel::{TexelMap, TexelSample, TexelSampler};
+use crate::geom::world::luminance;
 use crate::sample::{Sequence, sequence};
+use crate::solve::Monitor;
 use crate::solve::lightmap::{Effort, Side, receiver};
 use crate::transport::Kernel;
 use crate::transport::path::First;
-use glam::Vec3;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -29,16 +30,20 @@ const LOOKS: u32 = 8;
 /// Paths from each of them.
 const PATHS: u32 = 8;
 
-/// A front counts as dark where at most one path in so many finds light.
-const DARK: usize = 64;
+/// A front counts as dark where at most this part of its paths finds light.
+const DARK: f64 = 1.0 / 64.0;
 
-/// A back counts as lit where at least one path in so many finds light, and eight times as many as of the front.
-const LIT: usize = 16;
+/// A back counts as lit where at least this part of its paths finds light.
+const LIT: f64 = 1.0 / 16.0;
+
+/// A back has to be brighter than its front by this factor.
+const BRIGHTER: f64 = 10.0;
 
 /// Widest cavity, texels.
 const CAVITY: f32 = 24.0;
 
-/// The charts of a page, as [`TexelMap::chart`] counts them, that show their back.
+/// The charts of a page, as [`TexelMap::chart`] counts them, that show their back; not all of them if the
+/// monitor asks to stop.
 #[must_use]
 pub fn turned_charts(
     kernel: &Kernel<'_>,
@@ -46,6 +51,7 @@ pub fn turned_charts(
     map: &TexelMap,
     page: usize,
     effort: Effort,
+    monitor: &Monitor,
 ) -> BTreeSet<u32> {
     let mut charts: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
     for i in 0..map.texels.len() {
@@ -56,7 +62,7 @@ pub fn turned_charts(
     }
     charts
         .into_par_iter()
-        .filter(|(_, texels)| is_turned(kernel, map, texels, page, effort))
+        .filter(|(_, texels)| !monitor.stopped() && is_turned(kernel, map, texels, page, effort))
         .map(|(chart, _)| chart)
         .collect()
 }
@@ -65,50 +71,55 @@ fn is_turned(kernel: &Kernel<'_>, map: &TexelMap, texels: &[usize], page: usize,
     let step = texels.len().div_ceil(ASKED);
     let asked: Vec<usize> = texels.iter().copied().step_by(step).collect();
     let narrow = |side| {
-        let (near, all) = count(map, &asked, page, LOOKS, |_, u, on| {
+        let (near, all) = ask(map, &asked, page, LOOKS, |_, u, on| {
             let vertex = receiver(kernel, on.triangle, on.bary, side)?;
             let (first, distance) = kernel.look(&vertex, u);
-            Some(first != First::Nothing && distance < CAVITY * effort.texel_size)
+            Some(f64::from(u8::from(first != First::Nothing && distance < CAVITY * effort.texel_size)))
         });
-        0 < all && 9 * all <= 10 * near
+        0.0 < all && 0.9 * all <= near
     };
-    let lit = |side| {
-        count(map, &asked, page, PATHS, |sequence, u, on| {
+    // Part of the paths that find light, and mean luminance.
+    let light = |side| {
+        let mut lit = 0.0;
+        let (sum, all) = ask(map, &asked, page, PATHS, |sequence, u, on| {
             let vertex = receiver(kernel, on.triangle, on.bary, side)?;
             let e = kernel.estimate(&vertex, u, sequence);
-            Some(e.direct + e.indirect != Vec3::ZERO)
-        })
+            let l = luminance(e.direct + e.indirect);
+            lit += f64::from(u8::from(0.0 < l));
+            Some(f64::from(l))
+        });
+        let all = all.max(1.0);
+        (lit / all, sum / all)
     };
-    let cavity = narrow(Side::Front) && !narrow(Side::BackOfDoubleSided);
-    let (front, fronts) = lit(Side::Front);
-    // A front that is as good as dark shows its back, whatever is around it.
-    if fronts < 10 * front || (fronts < DARK * front && !cavity) {
+    let (front_lit, front) = light(Side::Front);
+    let (back_lit, back) = light(Side::BackOfDoubleSided);
+    if back_lit < LIT || back < BRIGHTER * front {
         return false;
     }
-    let (back, backs) = lit(Side::BackOfDoubleSided);
-    backs <= LIT * back && 8 * front * backs <= back * fronts
+    // A front that is as good as dark shows its back, whatever is around it.
+    front_lit <= DARK || (narrow(Side::Front) && !narrow(Side::BackOfDoubleSided))
 }
 
-/// How many of the questions to a side were answered with yes, and how many were answered.
-fn count(
+/// Sum of the answers to questions to a side, and how many were answered.
+fn ask(
     map: &TexelMap,
     texels: &[usize],
     page: usize,
     n: u32,
-    ask: impl Fn(&mut Sequence, [f32; 2], &TexelSample) -> Option<bool>,
-) -> (usize, usize) {
-    let (mut yes, mut all) = (0, 0);
+    mut question: impl FnMut(&mut Sequence, [f32; 2], &TexelSample) -> Option<f64>,
+) -> (f64, f64) {
+    let (mut sum, mut all) = (0.0, 0.0);
     for &t in texels {
         let sampler = TexelSampler::new(map, t);
         let key = sequence::key(0, DOMAIN + page as u64, u64::from(map.texels[t]));
         for i in 0..n {
             let mut sequence = Sequence::new(key, i);
             let [a, b, c, d] = sequence.next4();
-            if let Some(answer) = ask(&mut sequence, [c, d], &sampler.sample([a, b])) {
-                all += 1;
-                yes += usize::from(answer);
+            if let Some(answer) = question(&mut sequence, [c, d], &sampler.sample([a, b])) {
+                sum += answer;
+                all += 1.0;
             }
         }
     }
-    (yes, all)
+    (sum, all)
 }

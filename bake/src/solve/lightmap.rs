@@ -187,14 +187,13 @@ fn texel(
     kernel: &Kernel<'_>,
     sampler: &TexelSampler,
     id: Id,
-    side: Side,
+    mut side: Side,
     n: u32,
     scratch: &mut Vec<Sample>,
     gate: &mut Gate,
     rays: &mut u64,
 ) -> Texel {
     let coverage = sampler.coverage();
-    let mut side = side;
     let mut visible = probe(kernel, sampler, id, side, rays);
     gather(kernel, sampler, id, 0..n, side, visible.cells, scratch, gate, rays);
     let dark = |scratch: &mut Vec<Sample>, gate: &mut Gate, rays: &mut u64| {
@@ -374,12 +373,7 @@ pub(super) fn receiver(kernel: &Kernel<'_>, triangle: u32, bary: [f32; 3], side:
     if at.geometric_normal == Vec3A::ZERO {
         return None;
     }
-    let front = Vertex {
-        position: at.position,
-        geometric_normal: at.geometric_normal,
-        shading_normal: at.shading_normal,
-        offset: at.offset,
-    };
+    let front = Vertex::front(&at);
     match side {
         Side::Front => {
             Some(Vertex { position: kernel.world.lifted(kernel.scene, triangle, bary, &at), ..front })

@@ -177,12 +177,7 @@ pub fn receivers(kernel: &Kernel<'_>, wanted: impl Fn(usize) -> bool, seed: u64)
             let bary = crate::sample::warp::square_to_triangle([u[1], u[2]]);
             #[expect(clippy::cast_possible_truncation, reason = "fewer than 2^32 triangles")]
             let at = world.point(kernel.scene, t as u32, bary);
-            (at.geometric_normal != Vec3A::ZERO).then_some(Vertex {
-                position: at.position,
-                geometric_normal: at.geometric_normal,
-                shading_normal: at.shading_normal,
-                offset: at.offset,
-            })
+            (at.geometric_normal != Vec3A::ZERO).then(|| Vertex::front(&at))
         })
         .collect()
 }

@@ -27,6 +27,9 @@ const GROWTH: f64 = 3.0;
 /// Rounds towards an error aim a little below it, because the error that is then measured scatters.
 const AIM: f64 = 0.99;
 
+/// Texels of each page from which the mean luminance of all is estimated.
+const LOOKED_AT: usize = 4096;
+
 /// Parts of the remaining time that the rounds of a time budget take.
 const PARTS: [f64; 3] = [0.3, 0.6, 1.0];
 
@@ -116,7 +119,6 @@ impl Task<'_> {
     fn target(&self, relative: f64, monitor: &Monitor) -> Result<Solution, Error> {
         let n = self.map.texels.len() as f64;
         expect(monitor, n * f64::from(LEARN));
-        let before = monitor.paths();
         let mut solution = self.first(LEARN, monitor)?;
         for _ in 0..ROUNDS {
             let (error, mean) = adaptive::error(&solution.texels);
@@ -124,7 +126,7 @@ impl Task<'_> {
             if error <= goal {
                 break;
             }
-            let spent = monitor.paths() - before;
+            let spent = solution.paths().0;
             let aim = AIM * goal * adaptive::predicted(self.map, &solution.texels) / error;
             let wanted = adaptive::plan(self.map, &solution.texels, Goal::Error(aim)).total;
             expect(monitor, (spent + wanted) as f64);
@@ -140,13 +142,12 @@ impl Task<'_> {
     fn budget(&self, monitor: &Monitor) -> Result<Solution, Error> {
         let n = self.map.texels.len().max(1) as f64;
         let begin = Instant::now();
-        let before = monitor.paths();
         let mut solution = self.first(FIRST, monitor)?;
         solution.rounds = vec![FIRST as f32];
         let mut sampling = begin.elapsed().as_secs_f64();
         for part in PARTS {
             let left = self.deadline.saturating_duration_since(Instant::now()).as_secs_f64();
-            let spent = (monitor.paths() - before) as f64;
+            let spent = solution.paths().0 as f64;
             let rate = spent / sampling.max(1e-6);
             expect(monitor, spent + rate * left);
             // Quarters of a path keep the number short in the manifest, from which it can be replayed.
@@ -159,6 +160,34 @@ impl Task<'_> {
         }
         Ok(solution)
     }
+}
+
+/// Mean luminance over all pages, nits, from a few texels of each: what an error of several pages together
+/// is measured by. A single page knows its own better and needs none.
+///
+/// # Errors
+///
+/// [`Error::Interrupted`] when the monitor asks to stop.
+pub fn mean_luminance(
+    kernel: &Kernel<'_>,
+    atlas: &Atlas,
+    effort: Effort,
+    monitor: &Monitor,
+) -> Result<Option<f64>, Error> {
+    if atlas.pages.len() < 2 {
+        return Ok(None);
+    }
+    let effort = Effort { samples: LEARN, ..effort };
+    let (mut sum, mut n) = (0.0, 0.0);
+    for page in 0..atlas.pages.len() {
+        let map = TexelMap::build(kernel.scene, atlas, page);
+        let few = map.thinned(LOOKED_AT);
+        let solution = lightmap::bake_page(kernel, atlas, &few, page, effort, &BTreeSet::new(), monitor)?;
+        let weight = map.texels.len() as f64;
+        sum += adaptive::error(&solution.texels).1 * weight;
+        n += weight;
+    }
+    Ok(Some(sum / f64::max(n, 1.0)))
 }
 
 /// Tells whoever waits how many paths the page will have.

@@ -114,6 +114,12 @@ mod tests {
     use super::*;
     use glam::vec3a;
 
+    /// The plan states memory without knowing this module.
+    #[test]
+    fn the_plan_knows_the_size_of_a_record() {
+        assert_eq!(size_of::<Record>() as u64, crate::plan::memory::PER_CACHE_RECORD);
+    }
+
     #[test]
     fn cells_tell_places_and_sides_apart() {
         let k = |p: [f32; 3], n: Vec3A| IrradianceCache::key(0.5, Vec3A::from(p), n);

@@ -56,12 +56,8 @@ impl Encounter {
             let origin = self.at.position - self.at.geometric_normal * (side * self.at.offset);
             return Onward::Through { tint: self.shade.pass / chance, origin };
         }
-        let vertex = Vertex {
-            position: self.at.position,
-            geometric_normal: self.at.geometric_normal * side,
-            shading_normal: self.at.shading_normal * side,
-            offset: self.at.offset,
-        };
+        let vertex = Vertex::front(&self.at);
+        let vertex = if self.front { vertex } else { vertex.turned() };
         let reflectance = self.shade.albedo * (reflecting / (1.0 - chance));
         Onward::Reflected { vertex, reflectance }
     }

@@ -5,6 +5,7 @@
 //! happen to hit them; the balance heuristic (\[Vea97\] Veach, "Robust Monte Carlo Methods for Light
 //! Transport Simulation", 1997, eq. 9.8) weighs the two.
 
+use crate::geom::world::SurfacePoint;
 use crate::geom::{Bvh, Hit, Ray, World};
 use crate::light::{Beams, Lights, SkyGuide};
 use crate::sample::Sequence;
@@ -92,6 +93,17 @@ pub enum First {
 }
 
 impl Vertex {
+    /// A point on the front side of its surface.
+    #[must_use]
+    pub fn front(at: &SurfacePoint) -> Self {
+        Self {
+            position: at.position,
+            geometric_normal: at.geometric_normal,
+            shading_normal: at.shading_normal,
+            offset: at.offset,
+        }
+    }
+
     /// The same point on the other side of its surface.
     #[must_use]
     pub fn turned(&self) -> Self {

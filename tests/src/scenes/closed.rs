@@ -152,6 +152,33 @@ pub fn two_rooms(thickness: f32) -> Vec<u8> {
     glb.finish()
 }
 
+/// A white room with a lamp and in it a hollow double-sided panel, 0.1 m thick, whose lid leaves a slit of 5 mm.
+/// `inward`: its triangles are wound so that their fronts look into the cavity.
+#[must_use]
+pub fn panel(inward: bool) -> Vec<u8> {
+    let mut glb = Glb::new();
+    let white = glb.material(&Material::matte("white", [0.7; 3]));
+    let sheet = glb.material(&Material::matte("sheet", [0.7; 3]).double_sided());
+    let lamp = glb.material(&Material::matte("lamp", [0.0; 3]).emitting([10.0; 3]));
+    let mut add = |name: &str, shape: &Shape, material: usize| {
+        let mesh = glb.mesh(name, &[(shape, material)]);
+        glb.node(Node::new(name).mesh(mesh));
+    };
+    let mut walls = Shape::default();
+    walls.cuboid([-2.0, 0.0, -2.0], [2.0, 3.0, 2.0], ALL);
+    add("walls", &walls.inside_out(), white);
+    let mut quad = Shape::default();
+    let at = |x: f32, z: f32| Vec3::new(x, 2.9, z);
+    quad.quad([at(-0.5, -0.5), at(0.5, -0.5), at(0.5, 0.5), at(-0.5, 0.5)]);
+    add("lamp", &quad, lamp);
+    let mut body = Shape::default();
+    body.cuboid([-0.75, 0.5, -0.05], [0.75, 1.5, 0.05], NO_TOP);
+    let at = |x: f32, z: f32| Vec3::new(x, 1.5, z);
+    body.quad([at(-0.75, 0.045), at(0.75, 0.045), at(0.75, -0.05), at(-0.75, -0.05)]);
+    add("panel", &if inward { body.inside_out() } else { body }, sheet);
+    glb.finish()
+}
+
 /// A closed black box of 2 m around the origin with a lamp inside, and a quad outside that nothing else lights.
 #[must_use]
 pub fn lamp_in_a_box() -> Vec<u8> {
