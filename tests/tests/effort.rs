@@ -41,7 +41,7 @@ fn an_error_is_reached_over_several_pages() {
     let baked = tool::baked(&room(Room::default()), &args);
     assert!(1 < baked.pages.len(), "{} pages", baked.pages.len());
     let reached = baked.manifest.error.relative.unwrap_or(f64::NAN);
-    assert!(0.03 <= reached && reached <= 0.08, "{reached} on {} pages", baked.pages.len());
+    assert!((0.03..=0.08).contains(&reached), "{reached} on {} pages", baked.pages.len());
 }
 
 /// A bake by the clock says which rounds it did, and those give the same bytes.

@@ -49,6 +49,9 @@ struct Cost {
     seconds: Option<f64>,
 }
 
+/// Paths in each texel that is timed: enough that what every texel does once weighs little, as in a bake.
+const PROBED: u32 = 16;
+
 impl Cost {
     /// Counts the texels and times a few paths in texels spread over all pages.
     fn measure(plan: &Plan) -> Result<Self, Error> {
@@ -70,7 +73,7 @@ impl Cost {
                     plan.atlas(),
                     &probe,
                     page,
-                    effort(plan, 4, 1),
+                    effort(plan, PROBED, 1),
                     &BTreeSet::new(),
                     &monitor,
                 )?;
