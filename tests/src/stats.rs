@@ -66,8 +66,10 @@ pub fn judge(cases: &[Case], relative: f64) -> Result<(), String> {
     }
     let mut faults = Vec::new();
     let bound = two_sided_z(sidak(1e-3, cases.len()));
-    // Rounding of the 32-bit file is allowed for.
-    let slack = |want: f64| (relative + 1e-6) * want.abs();
+    // Rounding of the 32-bit file is allowed for, and what nobody sees beside the brightest value: where light falls on
+    // the last corner of a texel, a few samples know neither its mean nor their own error.
+    let brightest = cases.iter().map(|c| c.want.abs()).fold(0.0, f64::max);
+    let slack = |want: f64| (relative + 1e-6) * want.abs() + 1e-7 * brightest;
     let excess = |c: &Case| {
         let off = (c.got - c.want).abs() - slack(c.want);
         if off <= 0.0 { 0.0 } else { off / c.std_err }

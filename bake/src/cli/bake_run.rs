@@ -175,6 +175,7 @@ impl Job<'_> {
                 let turned = facing::turned_charts(&unbiased, atlas, &map, number, effort, &baked.monitor);
                 let task = schedule::Task {
                     kernel: &kernel,
+                    unbiased: &unbiased,
                     atlas,
                     map: &map,
                     page: number,
@@ -191,12 +192,13 @@ impl Job<'_> {
             let (total, min, max) = solution.paths();
             let mean = total as f64 / solution.texels.len().max(1) as f64;
             let samples = Samples { total, min, mean, max };
-            let rounds = solution.rounds.clone();
+            let (rounds, audit) = (solution.rounds.clone(), solution.audit.clone());
             let (mut page, filled) = assemble::page(self.plan, map, solution);
             exr::write_page(&self.staging.path(&record::page_file(number)), &page)?;
             preview::write_page(&self.staging.path(&record::preview_file(number)), &page)?;
             preview::write_error(&self.staging.path(&record::error_file(number)), &page)?;
-            baked.figures.push(record::PageFigures { stats: PageStats::of(&page), filled, samples, rounds });
+            let stats = PageStats::of(&page);
+            baked.figures.push(record::PageFigures { stats, filled, samples, rounds, audit });
             page.std_err = Vec::new();
             (page.direct, page.indirect) = (None, None);
             baked.pages.push(page);
@@ -276,7 +278,7 @@ const WRITE_SECONDS: f64 = 6e-7;
 
 /// How much a plan gathers in each texel.
 pub(crate) fn effort(plan: &Plan, samples: u32, seed: u64) -> lightmap::Effort {
-    lightmap::Effort { samples, seed, texel_size: plan.atlas().texels_per_metre.recip() }
+    lightmap::Effort { samples, small: samples, seed, texel_size: plan.atlas().texels_per_metre.recip() }
 }
 
 /// The places of the irradiance cache.

@@ -39,6 +39,8 @@ pub struct Beams {
     /// Half the side of the square that a sun's beams start from, metres.
     reach: f32,
     cells: Option<Cdf>,
+    /// What they bring to a receiver after one reflection, mean luminance, nits.
+    reflected: f64,
 }
 
 /// A beam on its way.
@@ -61,16 +63,24 @@ impl Beams {
         let lights = suns + punctual;
         let side = ((CELLS as f32 / lights.max(1) as f32).sqrt() as usize).clamp(4, 96);
         let cells = Cdf::new((0..lights * side * side).map(|_| 1.0));
-        Self { suns, punctual, side, reach: radius, cells }
+        Self { suns, punctual, side, reach: radius, cells, reflected: 0.0 }
     }
 
     /// The same with cells chosen by what they bring: `scores` in the order of the cells, light by light, row by row.
+    /// `reflected` is the mean luminance that a receiver gets from them after one reflection, nits.
     #[must_use]
-    pub fn learnt(&self, scores: &[f64]) -> Self {
+    pub fn learnt(&self, scores: &[f64], reflected: f64) -> Self {
         let total: f64 = scores.iter().sum();
         let even = 1.0 / scores.len().max(1) as f64;
         let share = |s: f64| if 0.0 < total { (1.0 - EVEN) * s / total } else { 0.0 };
-        Self { cells: Cdf::new(scores.iter().map(|&s| EVEN * even + share(s))), ..self.clone() }
+        let cells = Cdf::new(scores.iter().map(|&s| EVEN * even + share(s)));
+        Self { cells, reflected, ..self.clone() }
+    }
+
+    /// Mean luminance that a receiver gets after one reflection, nits, as far as it was learnt.
+    #[must_use]
+    pub fn reflected(&self) -> f64 {
+        self.reflected
     }
 
     /// Number of cells.
@@ -189,7 +199,7 @@ mod tests {
         let (suns, lamps) = ([sun], [lamp]);
         let even = Beams::even(1, 1, 1.0);
         let scores: Vec<f64> = (0..even.len()).map(|i| ((i * 7919) % 13) as f64).collect();
-        let beams = even.learnt(&scores);
+        let beams = even.learnt(&scores, 0.0);
         let index = |x: f32| {
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small index")]
             let i = x as usize;

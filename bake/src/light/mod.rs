@@ -29,6 +29,12 @@ pub struct Lights {
 }
 
 impl Lights {
+    /// Whether there are lights that no direction hits by chance.
+    #[must_use]
+    pub fn has_small(&self) -> bool {
+        !(self.suns.is_empty() && self.punctual.is_empty())
+    }
+
     /// Gathers the lights of a scene.
     #[must_use]
     pub fn new(scene: &Scene, world: &World) -> Self {

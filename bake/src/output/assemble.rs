@@ -28,18 +28,21 @@ pub fn page(plan: &Plan, map: TexelMap, solution: Solution) -> (Page, Filled) {
     }
     let mut charts = vec![NO_CHART; width * height];
     let mut validity = vec![Validity::Valid; width * height];
+    let audit = solution.audit;
     let mut texels = solution.texels;
     while !texels.is_empty() {
         // From the end, because only there can a list be shortened in place.
         let start = texels.len().saturating_sub(BATCH);
         for (index, texel) in texels.iter().enumerate().skip(start) {
             let at = map.texels[index] as usize;
-            page.radiance[at] = (texel.direct + texel.indirect).to_array();
+            page.radiance[at] = texel.value().to_array();
             page.coverage[at] = texel.coverage;
-            page.std_err[at] = texel.std_err.to_array();
+            #[expect(clippy::cast_possible_truncation, reason = "a factor near 1")]
+            let factor = audit.as_ref().map_or(1.0, |a| a.factor(texel)) as f32;
+            page.std_err[at] = (texel.std_err() * factor).to_array();
             if let (Some(d), Some(i)) = (&mut page.direct, &mut page.indirect) {
-                d[at] = texel.direct.to_array();
-                i[at] = texel.indirect.to_array();
+                d[at] = texel.direct().to_array();
+                i[at] = texel.indirect().to_array();
             }
             charts[at] = map.triangles_of(index).first().map_or(NO_CHART, |&t| map.chart(plan.atlas(), t));
             validity[at] = texel.validity;

@@ -39,6 +39,8 @@ pub struct PageFigures {
     pub samples: Samples,
     /// Mean paths per texel after each round, where rounds were planned by them.
     pub rounds: Vec<f32>,
+    /// What the audit said.
+    pub audit: Option<crate::solve::audit::Audit>,
 }
 
 /// The manifest of a finished bake; the files themselves are listed by the folder.
@@ -86,6 +88,15 @@ fn page(plan: &Plan, number: usize, figures: &PageFigures) -> manifest::Page {
         covered_texels: figures.stats.covered,
         mean_luminance: figures.stats.mean_luminance(),
         error: figures.stats.error(),
+        audit: figures.audit.as_ref().map(|a| manifest::Audit {
+            classes: a
+                .classes
+                .iter()
+                .map(|c| manifest::AuditClass { up_to: c.up_to, audited: c.audited as u64, factor: c.factor })
+                .collect(),
+            bias: a.bias,
+            bias_std_err: a.bias_std_err,
+        }),
     }
 }
 

@@ -63,10 +63,10 @@ const PER_ENTRY: u64 = 4;
 const PER_CORNERS: u64 = 24;
 
 /// Bytes of the solution for each covered texel.
-pub(crate) const PER_SOLVED: u64 = 52;
+pub(crate) const PER_SOLVED: u64 = 80;
 
-/// Deviation and next paths of each covered texel while a round is planned, and its variance on the page.
-const PER_COVERED_PLANNED: u64 = 8;
+/// Deviations and next samples of each covered texel while a round is planned, and its variance on the page.
+const PER_COVERED_PLANNED: u64 = 16;
 
 /// See [`PER_COVERED_PLANNED`].
 const PER_TEXEL_PLANNED: u64 = 4;

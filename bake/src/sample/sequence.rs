@@ -44,6 +44,14 @@ impl Sequence {
         Self { seed: (key ^ (key >> 32)) as u32, index: index % RUN, set: 0 }
     }
 
+    /// Numbers for something else that belongs to the same sample: independent of these, and stratified over
+    /// samples as they are.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "hash bits are cut to 32 on purpose")]
+    pub const fn fork(&self) -> Self {
+        Self { seed: mix64(self.seed as u64 ^ 0x666f_726b) as u32, index: self.index, set: 0 }
+    }
+
     /// The next four dimensions, each uniform in [0, 1).
     pub fn next4(&mut self) -> [f32; 4] {
         let set = self.set;

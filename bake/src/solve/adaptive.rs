@@ -9,7 +9,7 @@
 
 use crate::geom::texel::TexelMap;
 use crate::geom::world::luminance;
-use crate::solve::lightmap::{Texel, Validity};
+use crate::solve::lightmap::{Gathered, More, Solution, Texel, Validity};
 
 /// Paths that a texel gets in one round are multiples of this.
 const UNIT: f32 = 4.0;
@@ -32,44 +32,63 @@ pub enum Goal {
 /// A round as it was planned.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Round {
-    /// New paths of each texel.
-    pub paths: Vec<u32>,
-    /// Their sum.
-    pub total: u64,
+    /// New samples of each texel.
+    pub more: Vec<More>,
+    /// What they cost, in paths with their share of suns and lamps.
+    pub total: f64,
 }
 
 /// Plans a round for the texels of a page.
+///
+/// A kind of sample that costs less gets more of them, by the root of the ratio (\[Coc77\] eq. 5.23).
 #[must_use]
-pub fn plan(map: &TexelMap, texels: &[Texel], goal: Goal) -> Round {
-    let sigma = smoothed(map, texels);
-    let new = |scale: f64, k: usize| {
-        #[expect(clippy::cast_possible_truncation, reason = "paths are few")]
-        let wanted = (scale * f64::from(sigma[k])).min(f64::from(MOST)) as f32;
-        let more = ((wanted - texels[k].paths as f32) / UNIT).round() * UNIT;
-        more.max(0.0)
+pub fn plan(map: &TexelMap, solution: &Solution, goal: Goal) -> Round {
+    let texels = &solution.texels;
+    let cost = solution.cost;
+    let small = smoothed(map, texels, |t| &t.small);
+    let paths = smoothed(map, texels, |t| &t.paths);
+    let new = |scale: f64, sigma: f32, cost: f64, has: u32| {
+        #[expect(clippy::cast_possible_truncation, reason = "samples are few")]
+        let wanted = (scale * f64::from(sigma) / cost.sqrt()).min(f64::from(MOST)) as f32;
+        let more = ((wanted - has as f32) / UNIT).round() * UNIT;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most MOST")]
+        let more = if wanted.is_finite() { more.max(0.0) as u32 } else { 0 };
+        more
+    };
+    let more = |scale: f64, k: usize| {
+        let t = &texels[k];
+        More {
+            small: if 0.0 < cost.small { new(scale, small[k], cost.small, t.small.samples) } else { 0 },
+            paths: new(scale, paths[k], cost.path, t.paths.samples),
+        }
     };
     let n = texels.len() as f64;
     let valid = texels.iter().filter(|t| t.validity == Validity::Valid).count() as f64;
-    // Both grow with the scale: the paths, and how far the error is below the goal.
+    let square = |sigma: f32, samples: u32| f64::from(sigma).powi(2) / f64::from(samples.max(1));
+    // Both grow with the scale: the cost, and how far the error is below the goal.
     let enough = |scale: f64| match goal {
         Goal::Mean(mean) => {
-            let total: f64 =
-                (0..texels.len()).map(|k| f64::from(texels[k].paths) + f64::from(new(scale, k))).sum();
+            let total: f64 = (0..texels.len())
+                .map(|k| {
+                    let (t, m) = (&texels[k], more(scale, k));
+                    cost.of(t.small.samples + m.small, t.paths.samples + m.paths)
+                })
+                .sum();
             mean * n <= total
         }
         Goal::Error(error) => {
             let squares: f64 = (0..texels.len())
-                .filter(|&k| 0.0 < sigma[k])
                 .map(|k| {
-                    let paths = f64::from(texels[k].paths) + f64::from(new(scale, k));
-                    f64::from(sigma[k]).powi(2) / paths.max(1.0)
+                    let (t, m) = (&texels[k], more(scale, k));
+                    square(small[k], t.small.samples + m.small) + square(paths[k], t.paths.samples + m.paths)
                 })
                 .sum();
             squares <= error * error * valid
         }
     };
-    let strongest = f64::from(sigma.iter().copied().fold(f32::MIN_POSITIVE, f32::max));
-    // At this scale the strongest texel gets one path. A million times the greatest number serves the weak ones.
+    let strongest = small.iter().chain(&paths).copied().fold(f32::MIN_POSITIVE, f32::max);
+    let strongest = f64::from(strongest);
+    // At this scale the strongest texel gets about one path. A million times the greatest number serves the weak ones.
     let (mut lo, mut hi) = (0.0, strongest.recip());
     while !enough(hi) && hi * strongest < 2.0 * f64::from(MOST) * 1e6 {
         (lo, hi) = (hi, hi * 2.0);
@@ -78,10 +97,9 @@ pub fn plan(map: &TexelMap, texels: &[Texel], goal: Goal) -> Round {
         let middle = 0.5 * (lo + hi);
         if enough(middle) { hi = middle } else { lo = middle }
     }
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most MOST")]
-    let paths: Vec<u32> = (0..texels.len()).map(|k| new(hi, k) as u32).collect();
-    let total = paths.iter().map(|&n| u64::from(n)).sum();
-    Round { paths, total }
+    let more: Vec<More> = (0..texels.len()).map(|k| more(hi, k)).collect();
+    let total = more.iter().map(|m| cost.of(m.small, m.paths)).sum();
+    Round { more, total }
 }
 
 /// What [`Goal::Error`] takes the error for at present, nits: that of the neighbours' deviations. It differs a
@@ -89,36 +107,45 @@ pub fn plan(map: &TexelMap, texels: &[Texel], goal: Goal) -> Round {
 #[must_use]
 pub fn predicted(map: &TexelMap, texels: &[Texel]) -> f64 {
     let valid = texels.iter().filter(|t| t.validity == Validity::Valid).count() as f64;
-    let squares: f64 = smoothed(map, texels)
-        .iter()
-        .zip(texels)
-        .map(|(&s, t)| f64::from(s).powi(2) / f64::from(t.paths).max(1.0))
+    let kinds: [fn(&Texel) -> &Gathered; 2] = [|t| &t.small, |t| &t.paths];
+    let squares: f64 = kinds
+        .into_iter()
+        .map(|kind| {
+            let sigma = smoothed(map, texels, kind);
+            sigma
+                .iter()
+                .zip(texels)
+                .map(|(&s, t)| f64::from(s).powi(2) / f64::from(kind(t).samples.max(1)))
+                .sum::<f64>()
+        })
         .sum();
     (squares / valid.max(1.0)).sqrt()
 }
 
-/// Root mean squared standard error of the valid texels, and their mean luminance, nits.
+/// Root mean squared standard error of the valid texels, scaled by the audit if there was one, and their mean
+/// luminance, nits.
 #[must_use]
-pub fn error(texels: &[Texel]) -> (f64, f64) {
-    let valid = || texels.iter().filter(|t| t.validity == Validity::Valid);
+pub fn error(solution: &Solution) -> (f64, f64) {
+    let valid = || solution.texels.iter().filter(|t| t.validity == Validity::Valid);
     let n = (valid().count() as f64).max(1.0);
     let mut sums = (0.0, 0.0);
     for t in valid() {
-        sums.0 += f64::from(luminance(t.std_err)).powi(2);
-        sums.1 += f64::from(luminance(t.direct + t.indirect));
+        sums.0 += (solution.factor(t) * f64::from(luminance(t.std_err()))).powi(2);
+        sums.1 += f64::from(luminance(t.value()));
     }
     ((sums.0 / n).sqrt(), sums.1 / n)
 }
 
-/// Standard deviation of one path's luminance at each texel, nits: the root of the mean variance of its
+/// Standard deviation of one sample's luminance at each texel, nits: the root of the mean variance of its
 /// eight neighbours on the page, or its own where it has none.
-fn smoothed(map: &TexelMap, texels: &[Texel]) -> Vec<f32> {
+fn smoothed(map: &TexelMap, texels: &[Texel], kind: impl Fn(&Texel) -> &Gathered) -> Vec<f32> {
     let (w, h) = (map.width as usize, map.height as usize);
     let mut page = vec![f32::NAN; w * h];
     for (t, &at) in texels.iter().zip(&map.texels) {
         // What lies inside a body is filled from its chart: no path there is of use.
         if t.validity == Validity::Valid {
-            page[at as usize] = luminance(t.std_err).powi(2) * t.paths as f32;
+            let g = kind(t);
+            page[at as usize] = luminance(g.std_err).powi(2) * g.samples as f32;
         }
     }
     map.texels
@@ -146,10 +173,11 @@ fn smoothed(map: &TexelMap, texels: &[Texel]) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::solve::lightmap::Cost;
     use glam::Vec3;
 
     /// A row of texels with the given standard errors after 16 paths.
-    fn row(errors: &[f32]) -> (TexelMap, Vec<Texel>) {
+    fn row(errors: &[f32]) -> (TexelMap, Solution) {
         #[expect(clippy::cast_possible_truncation, reason = "a few texels")]
         let n = errors.len() as u32;
         // Two columns apart: no texel is its neighbour's neighbour.
@@ -158,18 +186,18 @@ mod tests {
         map.texels = (0..n).map(|i| 2 * i).collect();
         let texel = |&e: &f32| {
             let mut texel = Texel::default();
-            (texel.std_err, texel.direct, texel.paths) = (Vec3::splat(e), Vec3::ONE, 16);
+            texel.paths = Gathered { mean: Vec3::ONE, std_err: Vec3::splat(e), samples: 16 };
             texel
         };
-        (map, errors.iter().map(texel).collect())
+        (map, Solution { texels: errors.iter().map(texel).collect(), ..Solution::default() })
     }
 
     #[test]
     fn paths_go_where_the_deviation_is() {
         let (map, texels) = row(&[0.0, 1.0, 2.0, 4.0]);
         let round = plan(&map, &texels, Goal::Mean(200.0));
-        assert_eq!(round.paths[0], 0, "what is known exactly needs nothing more");
-        let all: Vec<f64> = round.paths.iter().map(|&p| f64::from(p) + 16.0).collect();
+        assert_eq!(round.more[0].paths, 0, "what is known exactly needs nothing more");
+        let all: Vec<f64> = round.more.iter().map(|m| f64::from(m.paths) + 16.0).collect();
         assert!((all[2] / all[1] - 2.0).abs() < 0.1 && (all[3] / all[2] - 2.0).abs() < 0.1, "{all:?}");
         assert!((all.iter().sum::<f64>() / 4.0 - 200.0).abs() < 4.0, "{all:?}");
     }
@@ -180,27 +208,40 @@ mod tests {
         for goal in [0.1, 0.5, 1.5] {
             let round = plan(&map, &texels, Goal::Error(goal));
             let squares: f64 = texels
+                .texels
                 .iter()
-                .zip(&round.paths)
-                .map(|(t, &n)| f64::from(t.std_err.x).powi(2) * 16.0 / (16.0 + f64::from(n)))
+                .zip(&round.more)
+                .map(|(t, m)| f64::from(t.std_err().x).powi(2) * 16.0 / (16.0 + f64::from(m.paths)))
                 .sum();
             let reached = (squares / 5.0).sqrt();
             assert!((reached / goal - 1.0).abs() < 0.1, "{goal}: {reached}");
         }
         // What is reached already asks for nothing.
-        assert_eq!(plan(&map, &texels, Goal::Error(100.0)).total, 0);
-        assert_eq!(plan(&map, &texels, Goal::Mean(10.0)).total, 0);
+        assert_eq!(plan(&map, &texels, Goal::Error(100.0)).total, 0.0);
+        assert_eq!(plan(&map, &texels, Goal::Mean(10.0)).total, 0.0);
+    }
+
+    /// Two kinds of samples with the same deviation: the cheap one gets more, by the root of the ratio of costs.
+    #[test]
+    fn cheap_samples_are_taken_more_often() {
+        let (map, mut solution) = row(&[1.0, 1.0]);
+        solution.cost = Cost { small: 0.2, path: 0.8 };
+        solution.texels[0].small = solution.texels[0].paths;
+        let round = plan(&map, &solution, Goal::Mean(400.0));
+        let [both, one] = [round.more[0], round.more[1]];
+        assert!((f64::from(both.small + 16) / f64::from(both.paths + 16) - 2.0).abs() < 0.05, "{both:?}");
+        assert_eq!((one.small, one.paths), (0, both.paths));
     }
 
     /// Poison: nothing lit, no texels, and goals that cannot be reached end all the same.
     #[test]
     fn hopeless_goals_end() {
         let (map, texels) = row(&[0.0, 0.0]);
-        assert_eq!(plan(&map, &texels, Goal::Mean(1e6)).total, 0);
-        assert_eq!(plan(&map, &texels, Goal::Error(0.0)).total, 0);
+        assert_eq!(plan(&map, &texels, Goal::Mean(1e6)).total, 0.0);
+        assert_eq!(plan(&map, &texels, Goal::Error(0.0)).total, 0.0);
         let (map, texels) = row(&[]);
-        assert_eq!(plan(&map, &texels, Goal::Mean(64.0)).total, 0);
+        assert_eq!(plan(&map, &texels, Goal::Mean(64.0)).total, 0.0);
         let (map, texels) = row(&[1.0]);
-        assert_eq!(plan(&map, &texels, Goal::Error(0.0)).total, 65_536 - 16);
+        assert_eq!(plan(&map, &texels, Goal::Error(0.0)).total, f64::from(65_536 - 16));
     }
 }

@@ -73,7 +73,7 @@ fn is_turned(kernel: &Kernel<'_>, map: &TexelMap, texels: &[usize], page: usize,
     let narrow = |side| {
         let (near, all) = ask(map, &asked, page, LOOKS, |_, u, on| {
             let vertex = receiver(kernel, on.triangle, on.bary, side)?;
-            let (first, distance) = kernel.look(&vertex, u);
+            let (first, distance, _) = kernel.look(&vertex, u);
             Some(f64::from(u8::from(first != First::Nothing && distance < CAVITY * effort.texel_size)))
         });
         0.0 < all && 0.9 * all <= near

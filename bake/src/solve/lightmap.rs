@@ -4,12 +4,14 @@ use crate::error::Error;
 use crate::geom::atlas::Atlas;
 use crate::geom::texel::{TexelMap, TexelSampler};
 use crate::geom::world::luminance;
+use crate::light::Beams;
 use crate::sample::{Sequence, sequence};
 use crate::scene::model::Rgb;
 use crate::solve::accumulate::{Gate, Rejected, mean_and_error};
+use crate::solve::audit::Audit;
 use crate::solve::monitor::{ErrorSums, Monitor};
 use crate::transport::path::First;
-use crate::transport::{Kernel, Vertex};
+use crate::transport::{Estimate, Kernel, Vertex};
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -30,15 +32,25 @@ const DOMAIN: u64 = 0x4c4d;
 /// Those of the rays that look around from a texel.
 const PROBE: u64 = 0x4c50;
 
+/// Those of suns and lamps, which are gathered apart.
+const SMALL: u64 = 0x4c53;
+
+/// Added to the seed of texels that are gathered again.
+const AUDIT: u64 = 0x4155;
+
 /// What one texel received.
+///
+/// Light straight from suns and lamps is gathered apart from paths, because it takes one ray where a path takes several,
+/// and each gets its own number of samples: at the edge of a shadow many shadow rays, in a
+/// dim corner many paths.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Texel {
-    /// `E / pi` straight from lights, nits.
-    pub direct: Rgb,
-    /// `E / pi` after at least one reflection, nits.
-    pub indirect: Rgb,
-    /// Standard error of their sum, nits.
-    pub std_err: Rgb,
+    /// Straight from suns and lamps.
+    pub small: Gathered,
+    /// Everything else.
+    pub paths: Gathered,
+    /// The part of `paths` that was not reflected on its way, `E / pi`, nits.
+    pub unreflected: Rgb,
     /// Part of the texel's square that its chart covers.
     pub coverage: f32,
     /// Whether the texel can be seen.
@@ -47,8 +59,64 @@ pub struct Texel {
     cells: Cells,
     /// Which side is gathered.
     side: Side,
-    /// Paths gathered.
-    pub paths: u32,
+    /// See [`Vertex::open`].
+    open: bool,
+}
+
+/// Mean of samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Gathered {
+    /// `E / pi`, nits.
+    pub mean: Rgb,
+    /// Its standard error, nits.
+    pub std_err: Rgb,
+    /// Number of samples.
+    pub samples: u32,
+}
+
+impl Gathered {
+    fn of(samples: &[Sample]) -> Self {
+        let (mean, std_err) = mean_and_error(samples.iter().map(|s| s.direct + s.indirect));
+        #[expect(clippy::cast_possible_truncation, reason = "as many as were asked for")]
+        let samples = samples.len() as u32;
+        Self { mean, std_err, samples }
+    }
+
+    /// Both together, weighed by their numbers of samples and not by their variances: few samples that missed
+    /// what is rare would count for too much.
+    fn merge(self, o: Self) -> Self {
+        let samples = self.samples + o.samples;
+        let part = o.samples as f32 / samples.max(1) as f32;
+        let (old, new) = (self.std_err * (1.0 - part), o.std_err * part);
+        Self { mean: self.mean.lerp(o.mean, part), std_err: (old * old + new * new).map(f32::sqrt), samples }
+    }
+}
+
+impl Texel {
+    /// `E / pi` in all, nits.
+    #[must_use]
+    pub fn value(&self) -> Rgb {
+        self.direct() + self.indirect()
+    }
+
+    /// `E / pi` straight from lights, nits.
+    #[must_use]
+    pub fn direct(&self) -> Rgb {
+        self.small.mean + self.unreflected
+    }
+
+    /// `E / pi` after at least one reflection, nits.
+    #[must_use]
+    pub fn indirect(&self) -> Rgb {
+        (self.paths.mean - self.unreflected).max(Vec3::ZERO)
+    }
+
+    /// Standard error of [`Texel::value`], nits.
+    #[must_use]
+    pub fn std_err(&self) -> Rgb {
+        let (a, b) = (self.small.std_err, self.paths.std_err);
+        (a * a + b * b).map(f32::sqrt)
+    }
 }
 
 /// Whether a texel lies in the open or inside other geometry.
@@ -68,6 +136,8 @@ pub enum Validity {
 pub struct Effort {
     /// Paths per texel.
     pub samples: u32,
+    /// Samples of suns and lamps per texel, where there are any.
+    pub small: u32,
     /// Seed of all random numbers.
     pub seed: u64,
     /// Side of a typical texel, metres.
@@ -86,14 +156,74 @@ pub struct Solution {
     pub gate: Gate,
     /// Mean paths per covered texel after each round, where rounds were planned by them.
     pub rounds: Vec<f32>,
+    /// What samples cost.
+    pub cost: Cost,
+    /// What an audit said of the stated errors.
+    pub audit: Option<Audit>,
+}
+
+/// What the two kinds of samples cost, by rays.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cost {
+    /// One sample of suns and lamps, as a part of a sample of both kinds; 0 where there are none.
+    pub small: f64,
+    /// One path.
+    pub path: f64,
+}
+
+impl Default for Cost {
+    fn default() -> Self {
+        Self { small: 0.0, path: 1.0 }
+    }
+}
+
+impl Cost {
+    /// From rays and samples of each kind. Choosing the place where a sample starts counts as [`START`] rays.
+    fn new([small, paths]: [Counted; 2]) -> Self {
+        let each = |c: Counted| if c.samples == 0 { 0.0 } else { START + c.rays as f64 / c.samples as f64 };
+        let both = each(small) + each(paths);
+        if 0.0 < each(paths) {
+            Self { small: each(small) / both, path: each(paths) / both }
+        } else {
+            Self::default()
+        }
+    }
+
+    /// Cost of what a texel got, in paths with their share of suns and lamps.
+    #[must_use]
+    pub fn of(&self, small: u32, paths: u32) -> f64 {
+        self.small * f64::from(small) + self.path * f64::from(paths)
+    }
+}
+
+/// See [`Cost::new`].
+const START: f64 = 0.5;
+
+/// Samples of one kind and their rays.
+#[derive(Clone, Copy, Debug, Default)]
+struct Counted {
+    samples: u64,
+    rays: u64,
 }
 
 impl Solution {
     /// Paths of all texels together, fewest and most.
     #[must_use]
     pub fn paths(&self) -> (u64, u64, u64) {
-        let each = || self.texels.iter().map(|t| u64::from(t.paths));
+        let each = || self.texels.iter().map(|t| u64::from(t.paths.samples));
         (each().sum(), each().min().unwrap_or(0), each().max().unwrap_or(0))
+    }
+
+    /// By what the stated error of a texel has to be multiplied.
+    #[must_use]
+    pub fn factor(&self, texel: &Texel) -> f64 {
+        self.audit.as_ref().map_or(1.0, |a| a.factor(texel))
+    }
+
+    /// What all texels cost, in paths with their share of suns and lamps.
+    #[must_use]
+    pub fn spent(&self) -> f64 {
+        self.texels.iter().map(|t| self.cost.of(t.small.samples, t.paths.samples)).sum()
     }
 }
 
@@ -108,59 +238,78 @@ pub fn bake_page(
     atlas: &Atlas,
     map: &TexelMap,
     page: usize,
-    Effort { samples, seed, texel_size }: Effort,
+    Effort { samples, small, seed, texel_size }: Effort,
     turned: &BTreeSet<u32>,
     monitor: &Monitor,
 ) -> Result<Solution, Error> {
     let crack = CRACK * texel_size;
     let n = map.texels.len();
     let mut texels = vec![Texel::default(); n];
-    let gates: Vec<Gate> = texels
+    let tallies: Vec<Tally> = texels
         .par_chunks_mut(CHUNK)
         .enumerate()
         .with_max_len(CHUNKS)
         .map_init(
-            || (Vec::with_capacity(samples as usize), None),
+            || (Vec::with_capacity(samples as usize), TexelSampler::default()),
             |(scratch, sampler), (chunk, out)| {
-                let mut gate = Gate::default();
-                let mut rays = 0;
+                let mut tally = Tally::default();
                 for (k, out) in out.iter_mut().enumerate() {
                     if monitor.stopped() {
-                        return gate;
+                        return tally;
                     }
                     let index = chunk * CHUNK + k;
-                    let sampler = match sampler {
-                        Some(s) => {
-                            TexelSampler::set(s, map, index);
-                            s
-                        }
-                        None => sampler.insert(TexelSampler::new(map, index)),
-                    };
-                    let id = Id { page, texel: map.texels[index], seed, crack };
+                    sampler.set(map, index);
                     let chart = map.chart(atlas, map.triangles_of(index)[0]);
                     let side = if turned.contains(&chart) { Side::BackOfDoubleSided } else { Side::Front };
-                    *out = texel(kernel, sampler, id, side, samples, scratch, &mut gate, &mut rays);
+                    let id = Id { page, texel: map.texels[index], seed };
+                    let at = Place { kernel, sampler, id, side, cells: Cells::default(), open: false };
+                    *out = texel(at, crack, [small, samples], scratch, &mut tally);
                 }
                 monitor.add_error(error_sums(out));
-                monitor.add(out.len() as u64 * u64::from(samples), rays);
-                gate
+                monitor.add(out.len() as u64 * u64::from(samples), tally.rays());
+                tally
             },
         )
         .collect();
     if monitor.stopped() {
         return Err(Error::Interrupted);
     }
-    let gate = gates.into_iter().fold(Gate::default(), Gate::merge);
-    Ok(Solution { texels, gate, rounds: Vec::new() })
+    let tally = tallies.into_iter().fold(Tally::default(), Tally::merge);
+    Ok(Solution { texels, gate: tally.gate, rounds: Vec::new(), cost: Cost::new(tally.counted), audit: None })
+}
+
+/// What happened in some texels.
+#[derive(Clone, Copy, Default)]
+struct Tally {
+    gate: Gate,
+    /// Suns and lamps, paths.
+    counted: [Counted; 2],
+    /// Rays that looked around.
+    looks: u64,
+}
+
+impl Tally {
+    fn rays(&self) -> u64 {
+        self.looks + self.counted[0].rays + self.counted[1].rays
+    }
+
+    /// Both together; `self` came first.
+    fn merge(self, o: Self) -> Self {
+        let sum = |k: usize| {
+            let (a, b) = (self.counted[k], o.counted[k]);
+            Counted { samples: a.samples + b.samples, rays: a.rays + b.rays }
+        };
+        Self { gate: self.gate.merge(o.gate), counted: [sum(0), sum(1)], looks: self.looks + o.looks }
+    }
 }
 
 /// What the progress display wants to know of finished texels.
 fn error_sums(texels: &[Texel]) -> ErrorSums {
     let mut sums = ErrorSums::default();
     for t in texels {
-        let e = f64::from(luminance(t.std_err));
+        let e = f64::from(luminance(t.std_err()));
         sums.squared_error += e * e;
-        sums.luminance += f64::from(luminance(t.direct + t.indirect));
+        sums.luminance += f64::from(luminance(t.value()));
         sums.n += 1.0;
     }
     sums
@@ -172,75 +321,154 @@ struct Id {
     page: usize,
     texel: u32,
     seed: u64,
-    /// Metres; see [`Sample::crack`].
-    crack: f32,
 }
 
-/// One path's result.
+/// One sample's result.
 struct Sample {
     direct: Rgb,
     indirect: Rgb,
 }
 
-#[expect(clippy::too_many_arguments, reason = "one step of the loop over texels")]
-fn texel(
-    kernel: &Kernel<'_>,
-    sampler: &TexelSampler,
+/// A texel to gather.
+#[derive(Clone, Copy)]
+struct Place<'a> {
+    kernel: &'a Kernel<'a>,
+    sampler: &'a TexelSampler,
     id: Id,
-    mut side: Side,
-    n: u32,
-    scratch: &mut Vec<Sample>,
-    gate: &mut Gate,
-    rays: &mut u64,
-) -> Texel {
-    let coverage = sampler.coverage();
-    let mut visible = probe(kernel, sampler, id, side, rays);
-    gather(kernel, sampler, id, 0..n, side, visible.cells, scratch, gate, rays);
-    let dark = |scratch: &mut Vec<Sample>, gate: &mut Gate, rays: &mut u64| {
+    side: Side,
+    cells: Cells,
+    open: bool,
+}
+
+/// What a sample gathers.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// Light straight from suns and lamps.
+    Small,
+    /// Everything else.
+    Path,
+}
+
+fn texel(mut at: Place<'_>, crack: f32, n: [u32; 2], scratch: &mut Vec<Sample>, tally: &mut Tally) -> Texel {
+    let coverage = at.sampler.coverage();
+    let mut visible = probe(&at, crack, tally);
+    (at.cells, at.open) = (visible.cells, visible.open);
+    let mut texel = all(&at, n, scratch, tally);
+    if at.side == Side::Front && is_dark(&texel) && !scratch.is_empty() {
         // Few paths that bring nothing prove little, so some more are asked before a texel is dark.
-        let mut more = Vec::new();
-        !scratch.is_empty() && scratch.iter().all(is_dark) && {
-            gather(kernel, sampler, id, n..n.max(DARK), Side::Front, visible.cells, &mut more, gate, rays);
-            more.iter().all(is_dark)
-        }
-    };
-    if side == Side::Front && dark(scratch, gate, rays) {
-        // A sheet that shows its back to the room, as many files have them: where it is double-sided and
-        // no light reaches its front, the light of its back is what anybody will see.
-        let back = probe(kernel, sampler, id, Side::BackOfDoubleSided, rays);
-        let front = std::mem::take(scratch);
-        gather(kernel, sampler, id, 0..n, Side::BackOfDoubleSided, back.cells, scratch, gate, rays);
-        if scratch.iter().all(is_dark) {
-            *scratch = front;
-        } else {
-            (visible, side) = (back, Side::BackOfDoubleSided);
+        let more = at.gather(Kind::Path, n[1]..n[1].max(DARK), tally).all(|s| is_black(&s))
+            && at.gather(Kind::Small, n[0]..n[0].max(DARK), tally).all(|s| is_black(&s));
+        if more {
+            // A sheet that shows its back to the room, as many files have them: where it is double-sided and
+            // no light reaches its front, the light of its back is what anybody will see.
+            let mut back = Place { side: Side::BackOfDoubleSided, ..at };
+            let seen = probe(&back, crack, tally);
+            (back.cells, back.open) = (seen.cells, seen.open);
+            let other = all(&back, n, scratch, tally);
+            if !is_dark(&other) {
+                (visible, at, texel) = (seen, back, other);
+            }
         }
     }
-    if scratch.is_empty() {
+    if texel.paths.samples == 0 {
         // The triangle has no area in the world: there is nothing to light.
         return Texel { coverage, validity: Validity::Hidden, ..Texel::default() };
     }
     let validity = match visible.validity {
         // Only what is dark can be the inside of a body: light finds its way under a tent.
-        Validity::Valid if visible.inside && scratch.iter().all(is_dark) => Validity::Enclosed,
-        Validity::Enclosed if !scratch.iter().all(is_dark) => Validity::Valid,
+        Validity::Valid if visible.inside && is_dark(&texel) => Validity::Enclosed,
+        Validity::Enclosed if !is_dark(&texel) => Validity::Valid,
         validity => validity,
     };
-    let (mean, std_err) = mean_and_error(scratch.iter().map(|s| s.direct + s.indirect));
-    let (direct, _) = mean_and_error(scratch.iter().map(|s| s.direct));
-    Texel {
-        direct,
-        indirect: (mean - direct).max(Vec3::ZERO),
-        std_err,
-        coverage,
-        validity,
-        cells: visible.cells,
-        side,
-        paths: n,
+    Texel { coverage, validity, cells: at.cells, side: at.side, open: at.open, ..texel }
+}
+
+/// The light of a texel from so many samples of suns and lamps and so many paths.
+fn all(at: &Place<'_>, [small, paths]: [u32; 2], scratch: &mut Vec<Sample>, tally: &mut Tally) -> Texel {
+    let mut texel = Texel::default();
+    if at.kernel.lights.has_small() {
+        add(at, Kind::Small, small, &mut texel, scratch, tally);
+    }
+    add(at, Kind::Path, paths, &mut texel, scratch, tally);
+    texel
+}
+
+/// Adds `n` samples to what a texel has.
+fn add(at: &Place<'_>, kind: Kind, n: u32, texel: &mut Texel, scratch: &mut Vec<Sample>, tally: &mut Tally) {
+    let gathered = if kind == Kind::Small { &mut texel.small } else { &mut texel.paths };
+    let numbers = gathered.samples..gathered.samples + n;
+    scratch.clear();
+    scratch.extend(at.gather(kind, numbers, tally));
+    if scratch.is_empty() {
+        return;
+    }
+    // Samples that fall on hidden parts of the texel count as asked for, so that no number is used twice.
+    let new = Gathered { samples: n, ..Gathered::of(scratch) };
+    *gathered = gathered.merge(new);
+    if kind == Kind::Path {
+        let (unreflected, _) = mean_and_error(scratch.iter().map(|s| s.direct));
+        texel.unreflected = texel.unreflected.lerp(unreflected, n as f32 / texel.paths.samples as f32);
     }
 }
 
-/// Gathers `new[k]` more paths in texel `k`; the texels are those of [`bake_page`] with the same arguments.
+impl Place<'_> {
+    /// Samples of the given numbers; those that fall on hidden parts of the texel are left out.
+    fn gather(&self, kind: Kind, numbers: Range<u32>, tally: &mut Tally) -> impl Iterator<Item = Sample> {
+        let Id { page, texel, seed } = self.id;
+        let domain = if kind == Kind::Small { SMALL } else { DOMAIN };
+        let key = sequence::key(seed, domain + page as u64, u64::from(texel));
+        let counted = &mut tally.counted[usize::from(kind == Kind::Path)];
+        let gate = &mut tally.gate;
+        numbers.filter_map(move |i| {
+            let mut sequence = Sequence::new(key, i);
+            let [a, b, c, d] = sequence.next4();
+            let on = self.sampler.sample([a, b]);
+            if !self.cells[cell_index(on.uv.to_array())] {
+                return None;
+            }
+            let vertex = receiver(self.kernel, on.triangle, on.bary, self.side)?;
+            let mut e = Estimate::default();
+            match kind {
+                Kind::Small => e.direct = self.kernel.small(&vertex, &mut sequence, &mut e.rays),
+                Kind::Path => {
+                    let vertex = Vertex { open: self.open, ..vertex };
+                    e = self.kernel.arriving(&vertex, [c, d], &mut sequence);
+                }
+            }
+            counted.samples += 1;
+            counted.rays += u64::from(e.rays);
+            let at = Rejected { page, texel, sample: i };
+            Some(Sample { direct: gate.admit(e.direct, at), indirect: gate.admit(e.indirect, at) })
+        })
+    }
+}
+
+/// The same texel from `times` as many samples with other random numbers, and the rays that took.
+pub(super) fn again(
+    kernel: &Kernel<'_>,
+    sampler: &TexelSampler,
+    (page, texel, seed): (usize, u32, u64),
+    known: &Texel,
+    times: u32,
+) -> (Texel, u64) {
+    let id = Id { page, texel, seed: sequence::mix64(seed ^ AUDIT) };
+    let at = Place { kernel, sampler, id, side: known.side, cells: known.cells, open: known.open };
+    let samples = [known.small.samples * times, known.paths.samples * times];
+    let mut tally = Tally::default();
+    let again = all(&at, samples, &mut Vec::new(), &mut tally);
+    (again, tally.rays())
+}
+
+/// More samples of a texel: of suns and lamps, and paths.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct More {
+    /// Of suns and lamps.
+    pub small: u32,
+    /// Paths.
+    pub paths: u32,
+}
+
+/// Gathers `new[k]` more in texel `k`; the texels are those of [`bake_page`] with the same arguments.
 ///
 /// # Errors
 ///
@@ -249,81 +477,59 @@ pub fn refine_page(
     kernel: &Kernel<'_>,
     map: &TexelMap,
     page: usize,
-    effort: Effort,
-    new: &[u32],
+    seed: u64,
+    new: &[More],
     solution: &mut Solution,
     monitor: &Monitor,
 ) -> Result<(), Error> {
-    let gates: Vec<Gate> = solution
+    let cost = solution.cost;
+    let tallies: Vec<Tally> = solution
         .texels
         .par_chunks_mut(CHUNK)
         .zip(new.par_chunks(CHUNK))
         .enumerate()
         .with_max_len(1)
         .map_init(
-            || (Vec::new(), None),
+            || (Vec::new(), TexelSampler::default()),
             |(scratch, sampler), (chunk, (texels, new))| {
-                let mut gate = Gate::default();
-                let (mut rays, mut paths) = (0, 0);
-                for (k, (t, &n)) in texels.iter_mut().zip(new).enumerate() {
-                    if n == 0 || monitor.stopped() {
+                let mut tally = Tally::default();
+                let mut spent = 0.0;
+                for (k, (t, more)) in texels.iter_mut().zip(new).enumerate() {
+                    if *more == More::default() || monitor.stopped() {
                         continue;
                     }
                     let index = chunk * CHUNK + k;
-                    let sampler = match sampler {
-                        Some(s) => {
-                            TexelSampler::set(s, map, index);
-                            s
-                        }
-                        None => sampler.insert(TexelSampler::new(map, index)),
-                    };
-                    let id = Id { page, texel: map.texels[index], seed: effort.seed, crack: 0.0 };
-                    refine(kernel, sampler, id, n, t, scratch, &mut gate, &mut rays);
-                    paths += u64::from(n);
+                    sampler.set(map, index);
+                    let id = Id { page, texel: map.texels[index], seed };
+                    let at = Place { kernel, sampler, id, side: t.side, cells: t.cells, open: t.open };
+                    add(&at, Kind::Small, more.small, t, scratch, &mut tally);
+                    add(&at, Kind::Path, more.paths, t, scratch, &mut tally);
+                    spent += cost.of(more.small, more.paths);
                 }
-                monitor.add(paths, rays);
-                gate
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "a number of paths"
+                )]
+                monitor.add(spent as u64, tally.rays());
+                tally
             },
         )
         .collect();
     if monitor.stopped() {
         return Err(Error::Interrupted);
     }
-    solution.gate = gates.into_iter().fold(solution.gate, Gate::merge);
+    solution.gate = tallies.into_iter().fold(solution.gate, |gate, t| gate.merge(t.gate));
     Ok(())
 }
 
-/// Adds `n` paths to a texel. Both parts are weighed by their numbers of paths, not by their variances: few
-/// paths that missed what is rare would count for too much.
-#[expect(clippy::too_many_arguments, reason = "one step of the loop over texels")]
-fn refine(
-    kernel: &Kernel<'_>,
-    sampler: &TexelSampler,
-    id: Id,
-    n: u32,
-    texel: &mut Texel,
-    scratch: &mut Vec<Sample>,
-    gate: &mut Gate,
-    rays: &mut u64,
-) {
-    let numbers = texel.paths..texel.paths + n;
-    gather(kernel, sampler, id, numbers, texel.side, texel.cells, scratch, gate, rays);
-    if scratch.is_empty() {
-        return;
-    }
-    let (mean, std_err) = mean_and_error(scratch.iter().map(|s| s.direct + s.indirect));
-    let (direct, _) = mean_and_error(scratch.iter().map(|s| s.direct));
-    let indirect = (mean - direct).max(Vec3::ZERO);
-    let new = n as f32 / (texel.paths + n) as f32;
-    texel.direct = texel.direct.lerp(direct, new);
-    texel.indirect = texel.indirect.lerp(indirect, new);
-    let (old, new) = (texel.std_err * (1.0 - new), std_err * new);
-    texel.std_err = (old * old + new * new).map(f32::sqrt);
-    texel.paths += n;
+fn is_black(s: &Sample) -> bool {
+    s.direct + s.indirect == Vec3::ZERO
 }
 
-fn is_dark(s: &Sample) -> bool {
-    s.direct + s.indirect == Vec3::ZERO
+/// No sample found light. Samples are not negative, so their mean says it.
+fn is_dark(t: &Texel) -> bool {
+    t.small.mean + t.paths.mean == Vec3::ZERO
 }
 
 /// Paths that have to bring nothing before a texel counts as dark.
@@ -335,35 +541,6 @@ pub(super) enum Side {
     #[default]
     Front,
     BackOfDoubleSided,
-}
-
-#[expect(clippy::too_many_arguments, reason = "one inner step of `texel`, split off because it runs twice")]
-fn gather(
-    kernel: &Kernel<'_>,
-    sampler: &TexelSampler,
-    id: Id,
-    numbers: Range<u32>,
-    side: Side,
-    cells: Cells,
-    scratch: &mut Vec<Sample>,
-    gate: &mut Gate,
-    rays: &mut u64,
-) {
-    scratch.clear();
-    let key = sequence::key(id.seed, DOMAIN + id.page as u64, u64::from(id.texel));
-    for i in numbers {
-        let mut sequence = Sequence::new(key, i);
-        let [a, b, c, d] = sequence.next4();
-        let on = sampler.sample([a, b]);
-        if !cells[cell_index(on.uv.to_array())] {
-            continue;
-        }
-        let Some(vertex) = receiver(kernel, on.triangle, on.bary, side) else { continue };
-        let e = kernel.estimate(&vertex, [c, d], &mut sequence);
-        *rays += u64::from(e.rays);
-        let at = Rejected { page: id.page, texel: id.texel, sample: i };
-        scratch.push(Sample { direct: gate.admit(e.direct, at), indirect: gate.admit(e.indirect, at) });
-    }
 }
 
 /// The point on a side of a surface from which rays start; `None` where it has no area, or where the
@@ -386,7 +563,7 @@ pub(super) fn receiver(kernel: &Kernel<'_>, triangle: u32, bary: [f32; 3], side:
 
 /// Rays that look around from each texel before it is gathered. If one of them meets a back, the
 /// second number of rays tells which parts of the texel are hidden.
-const LOOKS: [u32; 2] = [16, 64];
+const LOOKS: [u32; 2] = [8, 64];
 
 /// Cells along a texel's side among which hidden parts are told apart: 16 rays to each.
 const SIDE: usize = 2;
@@ -401,6 +578,8 @@ struct Visible {
     /// Every ray met a back, nothing, or a front across a crack, and some did not meet nothing: there
     /// is a body around.
     inside: bool,
+    /// See [`Vertex::open`].
+    open: bool,
 }
 
 /// Looks around from a texel, to find parts that lie inside other geometry. The rays are the same
@@ -409,27 +588,33 @@ struct Visible {
 /// A cell is hidden if more than half of its rays meet the back of a one-sided surface, or if all of
 /// them meet backs. Backs here and there are ordinary: one-sided surfaces are black from behind and
 /// stay in the mean. If every cell is hidden, all stay and the texel says so.
-fn probe(kernel: &Kernel<'_>, sampler: &TexelSampler, id: Id, side: Side, rays: &mut u64) -> Visible {
-    let key = sequence::key(0, PROBE + id.page as u64, u64::from(id.texel));
+fn probe(at: &Place<'_>, crack: f32, tally: &mut Tally) -> Visible {
+    let kernel = at.kernel;
+    let key = sequence::key(0, PROBE + at.id.page as u64, u64::from(at.id.texel));
     let mut cells = [Cell::default(); SIDE * SIDE];
     let mut void = true;
     let mut near = false;
-    let mut backs = 0;
+    let (mut all, mut backs, mut nothing, mut sky) = (0, 0, 0, 0.0);
     let mut from = 0;
     for until in LOOKS {
         for i in from..until {
             let [a, b, c, d] = Sequence::new(key, i).next4();
-            let on = sampler.sample([a, b]);
-            let Some(vertex) = receiver(kernel, on.triangle, on.bary, side) else { continue };
-            *rays += 1;
-            let (first, distance) = kernel.look(&vertex, [c, d]);
+            let on = at.sampler.sample([a, b]);
+            let Some(vertex) = receiver(kernel, on.triangle, on.bary, at.side) else { continue };
+            tally.looks += 1;
+            let (first, distance, wi) = kernel.look(&vertex, [c, d]);
             let cell = &mut cells[cell_index(on.uv.to_array())];
             cell.all += 1;
             cell.one_sided += u32::from(first == First::Back);
             let back = matches!(first, First::Back | First::DoubleSidedBack);
             cell.back += u32::from(back);
+            all += 1;
             backs += u32::from(back);
-            let crack = first == First::Front && distance < id.crack;
+            if first == First::Nothing {
+                nothing += 1;
+                sky += luminance(kernel.lights.sky.radiance(wi));
+            }
+            let crack = first == First::Front && distance < crack;
             void &= first != First::Front || crack;
             near |= back || crack;
         }
@@ -438,8 +623,16 @@ fn probe(kernel: &Kernel<'_>, sampler: &TexelSampler, id: Id, side: Side, rays: 
             break;
         }
     }
-    Visible::new(&cells, void, near)
+    let reflected = kernel.beams.map_or(0.0, Beams::reflected);
+    let open = kernel.sky_guide.is_some()
+        && OPEN * all <= nothing * 100
+        && reflected * f64::from(all) < f64::from(sky);
+    Visible { open, ..Visible::new(&cells, void, near) }
 }
+
+/// A texel is in the open if this part of its looks meets the sky, percent, and the sky brings more than
+/// the beams do to the average place.
+const OPEN: u32 = 25;
 
 impl Visible {
     fn new(cells: &[Cell; SIDE * SIDE], void: bool, near: bool) -> Self {
@@ -453,7 +646,12 @@ impl Visible {
             Validity::Hidden
         };
         let all = validity != Validity::Valid;
-        Self { cells: states.map(|s| all || s == Validity::Valid), validity, inside: void && near }
+        Self {
+            cells: states.map(|s| all || s == Validity::Valid),
+            validity,
+            inside: void && near,
+            open: false,
+        }
     }
 }
 

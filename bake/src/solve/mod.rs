@@ -2,6 +2,7 @@
 
 pub mod accumulate;
 pub mod adaptive;
+pub mod audit;
 pub mod cache;
 pub mod facing;
 pub mod lightmap;

@@ -81,7 +81,8 @@ fn beams(kernel: &Kernel<'_>, receivers: &[Vertex], seed: u64) -> Option<Beams> 
             score
         })
         .collect();
-    Some(even.learnt(&smooth(&scores, even.side())))
+    let mean = scores.iter().sum::<f64>() / (scores.len() * BEAMS as usize) as f64;
+    Some(even.learnt(&smooth(&scores, even.side()), mean))
 }
 
 /// Most receivers that look at the sky from one region.

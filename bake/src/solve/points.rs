@@ -92,7 +92,7 @@ pub fn place(kernel: &Kernel<'_>, position: Vec3, normal: Vec3) -> Vertex {
         }
         None => own,
     };
-    Vertex { position: p, geometric_normal: n, shading_normal: n, offset }
+    Vertex { position: p, geometric_normal: n, shading_normal: n, offset, open: false }
 }
 
 fn point(

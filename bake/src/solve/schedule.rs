@@ -5,6 +5,7 @@ use crate::geom::atlas::Atlas;
 use crate::geom::texel::TexelMap;
 use crate::plan::settings::Sampling;
 use crate::solve::adaptive::{self, Goal};
+use crate::solve::audit;
 use crate::solve::lightmap::{self, Effort, Solution};
 use crate::solve::monitor::{ErrorSums, Monitor};
 use crate::transport::Kernel;
@@ -38,6 +39,8 @@ const PARTS: [f64; 3] = [0.3, 0.6, 1.0];
 pub struct Task<'a> {
     /// Everything a path needs.
     pub kernel: &'a Kernel<'a>,
+    /// The same without its cache.
+    pub unbiased: &'a Kernel<'a>,
     /// The layout.
     pub atlas: &'a Atlas,
     /// The texels.
@@ -61,11 +64,12 @@ impl Task<'_> {
     ///
     /// [`Error::Interrupted`] when the monitor asks to stop.
     pub fn solve(&self, sampling: &Sampling, monitor: &Monitor) -> Result<Solution, Error> {
-        match sampling {
-            Sampling::Exact(n) => self.first(*n, monitor),
+        let mut solution = match sampling {
+            Sampling::Exact(n) => self.first(*n, *n, monitor),
             Sampling::Mean(n) => {
                 let n = *n as f32;
                 // Half of the paths are spread evenly: the error figure weighs nits, eyes weigh ratios.
+
                 self.rounds(&[0.5 * n, 0.75 * n, n], monitor)
             }
             Sampling::Rounds(pages) => {
@@ -74,11 +78,27 @@ impl Task<'_> {
             }
             Sampling::Target(relative) => self.target(f64::from(*relative), monitor),
             Sampling::Budget(_) => self.budget(monitor),
-        }
+        }?;
+        self.audit(&mut solution, monitor)?;
+        Ok(solution)
     }
 
-    fn first(&self, samples: u32, monitor: &Monitor) -> Result<Solution, Error> {
-        let effort = Effort { samples, ..self.effort };
+    /// Finds out how far the stated errors can be trusted.
+    fn audit(&self, solution: &mut Solution, monitor: &Monitor) -> Result<(), Error> {
+        solution.audit =
+            audit::audit(
+            self.unbiased,
+            self.map,
+            self.page,
+            self.effort.seed,
+            &solution.texels,
+            monitor,
+        )?;
+        Ok(())
+    }
+
+    fn first(&self, samples: u32, small: u32, monitor: &Monitor) -> Result<Solution, Error> {
+        let effort = Effort { samples, small, ..self.effort };
         lightmap::bake_page(self.kernel, self.atlas, self.map, self.page, effort, self.turned, monitor)
     }
 
@@ -88,7 +108,7 @@ impl Task<'_> {
         let first = (means.first().copied().unwrap_or(0.0).round() as u32).max(FIRST);
         let last = f64::from(means.last().copied().unwrap_or(0.0)).max(f64::from(first));
         expect(monitor, last * n);
-        let mut solution = self.first(first, monitor)?;
+        let mut solution = self.first(first, small(first), monitor)?;
         solution.rounds = vec![first as f32];
         for &mean in means.iter().skip(1) {
             self.round(Goal::Mean(f64::from(mean)), &mut solution, monitor)?;
@@ -97,20 +117,20 @@ impl Task<'_> {
         Ok(solution)
     }
 
-    fn round(&self, goal: Goal, solution: &mut Solution, monitor: &Monitor) -> Result<u64, Error> {
-        let round = adaptive::plan(self.map, &solution.texels, goal);
-        if 0 < round.total {
+    fn round(&self, goal: Goal, solution: &mut Solution, monitor: &Monitor) -> Result<f64, Error> {
+        let round = adaptive::plan(self.map, solution, goal);
+        if 0.0 < round.total {
             lightmap::refine_page(
                 self.kernel,
                 self.map,
                 self.page,
-                self.effort,
-                &round.paths,
+                self.effort.seed,
+                &round.more,
                 solution,
                 monitor,
             )?;
         }
-        let (error, luminance) = adaptive::error(&solution.texels);
+        let (error, luminance) = adaptive::error(solution);
         let n = solution.texels.len() as f64;
         monitor.show_error(ErrorSums { squared_error: error * error * n, luminance: luminance * n, n });
         Ok(round.total)
@@ -119,20 +139,21 @@ impl Task<'_> {
     fn target(&self, relative: f64, monitor: &Monitor) -> Result<Solution, Error> {
         let n = self.map.texels.len() as f64;
         expect(monitor, n * f64::from(LEARN));
-        let mut solution = self.first(LEARN, monitor)?;
+        let mut solution = self.first(LEARN, small(LEARN), monitor)?;
         for _ in 0..ROUNDS {
-            let (error, mean) = adaptive::error(&solution.texels);
+            self.audit(&mut solution, monitor)?;
+            let (error, mean) = adaptive::error(&solution);
             let goal = relative * self.luminance.unwrap_or(mean);
             if error <= goal {
                 break;
             }
-            let spent = solution.paths().0;
+            let spent = solution.spent();
             let aim = AIM * goal * adaptive::predicted(self.map, &solution.texels) / error;
-            let wanted = adaptive::plan(self.map, &solution.texels, Goal::Error(aim)).total;
-            expect(monitor, (spent + wanted) as f64);
-            let growth = GROWTH * spent as f64;
-            let goal = if growth < wanted as f64 { Goal::Mean(growth / n) } else { Goal::Error(aim) };
-            if self.round(goal, &mut solution, monitor)? == 0 {
+            let wanted = adaptive::plan(self.map, &solution, Goal::Error(aim)).total;
+            expect(monitor, spent + wanted);
+            let growth = GROWTH * spent;
+            let goal = if growth < wanted { Goal::Mean(growth / n) } else { Goal::Error(aim) };
+            if self.round(goal, &mut solution, monitor)? <= 0.0 {
                 break;
             }
         }
@@ -142,13 +163,16 @@ impl Task<'_> {
     fn budget(&self, monitor: &Monitor) -> Result<Solution, Error> {
         let n = self.map.texels.len().max(1) as f64;
         let begin = Instant::now();
-        let mut solution = self.first(FIRST, monitor)?;
+        let mut solution = self.first(FIRST, small(FIRST), monitor)?;
         solution.rounds = vec![FIRST as f32];
         let mut sampling = begin.elapsed().as_secs_f64();
         for part in PARTS {
             let left = self.deadline.saturating_duration_since(Instant::now()).as_secs_f64();
-            let spent = solution.paths().0 as f64;
+            let spent = solution.spent();
             let rate = spent / sampling.max(1e-6);
+            // The audit at the end repeats a part of all that was sampled.
+            let again = audit::share(self.map.texels.len());
+            let left = ((left - again * sampling) / (1.0 + again)).max(0.0);
             expect(monitor, spent + rate * left);
             // Quarters of a path keep the number short in the manifest, from which it can be replayed.
             #[expect(clippy::cast_possible_truncation, reason = "a number of paths")]
@@ -177,17 +201,23 @@ pub fn mean_luminance(
     if atlas.pages.len() < 2 {
         return Ok(None);
     }
-    let effort = Effort { samples: LEARN, ..effort };
+    let effort = Effort { samples: LEARN, small: LEARN, ..effort };
     let (mut sum, mut n) = (0.0, 0.0);
     for page in 0..atlas.pages.len() {
         let map = TexelMap::build(kernel.scene, atlas, page);
         let few = map.thinned(LOOKED_AT);
         let solution = lightmap::bake_page(kernel, atlas, &few, page, effort, &BTreeSet::new(), monitor)?;
         let weight = map.texels.len() as f64;
-        sum += adaptive::error(&solution.texels).1 * weight;
+        sum += adaptive::error(&solution).1 * weight;
         n += weight;
     }
     Ok(Some(sum / f64::max(n, 1.0)))
+}
+
+/// Samples of suns and lamps in a first round beside so many paths. Most texels see all of a light or nothing of it, and
+/// what the others need is known from few.
+fn small(paths: u32) -> u32 {
+    (paths / 2).max(FIRST)
 }
 
 /// Tells whoever waits how many paths the page will have.

@@ -139,6 +139,7 @@ mod tests {
             geometric_normal: Vec3A::Y,
             shading_normal: Vec3A::Y,
             offset: 0.0,
+            open: false,
         };
         let key = IrradianceCache::key(1.0, vec3a(0.5, 0.0, 0.0), Vec3A::Y);
         let record = |x, v| Record { position: Vec3::new(x, 0.0, 0.0), value: Vec3::splat(v) };

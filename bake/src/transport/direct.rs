@@ -59,7 +59,7 @@ impl Kernel<'_> {
             }
         }
         let suns = small && !lights.suns.is_empty();
-        let sky = area && (lights.sky.is_sampled() || self.sky_guide.is_some());
+        let sky = area && (lights.sky.is_sampled() || self.sky_guide.is_some()) && !vertex.open;
         if suns || sky {
             let [a, b, c, d] = sequence.next4();
             let asked = if suns { lights.suns.as_slice() } else { &[] };
@@ -175,6 +175,9 @@ impl Kernel<'_> {
 
     /// Density per steradian with which next-event estimation at `vertex` chooses the direction `wi`.
     pub(crate) fn sky_density(&self, vertex: &Vertex, wi: Vec3A) -> f32 {
+        if vertex.open {
+            return 0.0;
+        }
         if self.lights.sky.is_sampled() {
             return self.lights.sky.pdf(wi);
         }

@@ -12,7 +12,7 @@ use crate::sample::Sequence;
 use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
 use crate::scene::model::{Rgb, Scene};
 use crate::transport::cache::IrradianceCache;
-use crate::transport::connect::Arrival;
+use crate::transport::connect::{Arrival, LightVertex};
 use crate::transport::direct::Part;
 use crate::transport::encounter::Onward;
 use glam::{Vec3, Vec3A};
@@ -65,6 +65,9 @@ pub struct Vertex {
     pub shading_normal: Vec3A,
     /// How far off the plane rays start, metres.
     pub offset: f32,
+    /// So much bright sky is seen from here that directions by cosine find the light: neither beams nor the
+    /// guide to the sky are worth their rays.
+    pub open: bool,
 }
 
 /// One sample of what arrives at a point.
@@ -101,6 +104,7 @@ impl Vertex {
             geometric_normal: at.geometric_normal,
             shading_normal: at.shading_normal,
             offset: at.offset,
+            open: false,
         }
     }
 
@@ -123,6 +127,12 @@ impl Kernel<'_> {
         self.walk(start, u, Part::All, sequence)
     }
 
+    /// What suns and lamps bring straight away, `E / pi`, nits: together with [`Kernel::arriving`] an
+    /// estimate of the whole.
+    pub(crate) fn small(&self, at: &Vertex, sequence: &mut Sequence, rays: &mut u32) -> Rgb {
+        self.direct(at, Part::Small, true, None, sequence, rays)
+    }
+
     /// As [`Kernel::estimate`], without what suns and lamps bring straight away.
     pub(crate) fn arriving(&self, start: &Vertex, u: [f32; 2], sequence: &mut Sequence) -> Estimate {
         self.walk(start, u, Part::Area, sequence)
@@ -134,12 +144,14 @@ impl Kernel<'_> {
         let mut throughput = Vec3::ONE;
         let mut turn = u;
         let mut arrival = None;
-        let beam = if self.bounces == Some(0) { None } else { self.beam(sequence, &mut out.rays) };
+        let mut beam = LazyBeam::new(sequence);
         for depth in 0u32.. {
             let part = if depth == 0 { part } else { Part::All };
             let direct = self.direct(&vertex, part, depth == 0, arrival, sequence, &mut out.rays);
-            if let Some(light) = &beam
+            let connects = !vertex.open;
+            if connects
                 && self.bounces.is_none_or(|n| depth < n)
+                && let Some(light) = beam.get(self, &mut out.rays)
             {
                 out.indirect += throughput * self.connect(&vertex, light, &mut out.rays);
             }
@@ -151,12 +163,11 @@ impl Kernel<'_> {
                 out.indirect += throughput * (direct + leg.emitted);
             }
             let Some((next, reflectance)) = leg.next else { break };
-            arrival = Some(leg.arrival);
+            arrival = connects.then_some(leg.arrival);
             if self.bounces.is_some_and(|n| n <= depth) {
                 break;
             }
             throughput *= reflectance;
-            let [a, b, c, _] = sequence.next4();
             if let Some(cache) = self.cache
                 && cache.near() <= leg.travelled
                 && let Some(cached) = cache.lookup(&next)
@@ -165,6 +176,7 @@ impl Kernel<'_> {
                 out.indirect += throughput * (cached + small);
                 break;
             }
+            let [a, b, c, _] = sequence.next4();
             let strongest = throughput.max_element();
             // A path inside a closed body of albedo 1 would never get weaker, so depth counts as well.
             let limit = if depth < DEEP { 1.0 } else { DEEP_SURVIVAL };
@@ -181,12 +193,13 @@ impl Kernel<'_> {
         out
     }
 
-    /// What a ray from `from` meets in the direction that `u` chooses by cosine, and how far away.
+    /// What a ray from `from` meets in the direction that `u` chooses by cosine, how far away, and in
+    /// which direction.
     #[must_use]
-    pub fn look(&self, from: &Vertex, u: [f32; 2]) -> (First, f32) {
+    pub fn look(&self, from: &Vertex, u: [f32; 2]) -> (First, f32, Vec3A) {
         let wi = Frame::new(from.shading_normal).to_world(square_to_cos_hemisphere(u));
         let Some(hit) = self.closest(&from.ray(wi, f32::INFINITY)) else {
-            return (First::Nothing, f32::INFINITY);
+            return (First::Nothing, f32::INFINITY, wi);
         };
         let front = wi.dot(self.world.geometric_normal(hit.triangle)) < 0.0;
         let double_sided = self.world.material(self.scene, hit.triangle).double_sided;
@@ -195,7 +208,7 @@ impl Kernel<'_> {
             (false, true) => First::DoubleSidedBack,
             (false, false) => First::Back,
         };
-        (first, hit.t)
+        (first, hit.t, wi)
     }
 
     /// Follows a ray through whatever lets light pass, to the next reflection or the sky.
@@ -243,6 +256,23 @@ impl Kernel<'_> {
     #[must_use]
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         self.bvh.closest(ray, |hit| self.world.pass(self.scene, hit.triangle, hit.bary) != Vec3::ONE)
+    }
+}
+
+/// The beam that a path's vertices connect to, followed when the first of them asks.
+struct LazyBeam {
+    sequence: Sequence,
+    beam: Option<Option<LightVertex>>,
+}
+
+impl LazyBeam {
+    /// The beam has numbers of its own, so that those of the path do not depend on whether it is used.
+    fn new(sequence: &Sequence) -> Self {
+        Self { sequence: sequence.fork(), beam: None }
+    }
+
+    fn get(&mut self, kernel: &Kernel<'_>, rays: &mut u32) -> Option<&LightVertex> {
+        self.beam.get_or_insert_with(|| kernel.beam(&mut self.sequence, rays)).as_ref()
     }
 }
 

@@ -147,6 +147,31 @@ pub struct Page {
     pub mean_luminance: f64,
     /// Error figure of this page.
     pub error: ErrorFigure,
+    /// How the standard errors were checked; none where too few texels are lit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub audit: Option<Audit>,
+}
+
+/// Texels of about the same noise and how far their standard errors could be trusted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct AuditClass {
+    /// Greatest standard error before it was scaled, as a part of the texel's luminance.
+    pub up_to: f64,
+    /// Texels that were gathered again.
+    pub audited: u64,
+    /// By what standard errors were multiplied, so that 95 % intervals hold for 95 % of these.
+    pub factor: f64,
+}
+
+/// Texels of a page that were gathered again without shortcuts, and what that said.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Audit {
+    /// Texels by how noisy they are, from the smoothest to the noisiest.
+    pub classes: Vec<AuditClass>,
+    /// Mean luminance of the map minus that of the audit, nits.
+    pub bias: f64,
+    /// Standard error of `bias`, nits.
+    pub bias_std_err: f64,
 }
 
 /// Standard errors over covered texels, before denoising.
@@ -512,6 +537,11 @@ mod tests {
             covered_texels: 77,
             mean_luminance: 0.1,
             error: ErrorFigure { rms_std_err: 1e-3, relative: Some(1e-2), max_std_err: 0.3 },
+            audit: Some(Audit {
+                classes: vec![AuditClass { up_to: 0.5, audited: 128, factor: 0.75 }],
+                bias: -0.5,
+                bias_std_err: 0.25,
+            }),
         });
         let rect = Rect { x: 4, y: 8, width: 12, height: 20 };
         m.surfaces.push(Surface {

@@ -58,6 +58,9 @@ struct Break {
     area: f64,
 }
 
+/// Fragments of a column that need no list on the heap.
+const FEW: usize = 8;
+
 impl TexelSampler {
     /// A sampler for the covered texel number `index` of `map`.
     pub fn new(map: &TexelMap, index: usize) -> Self {
@@ -134,28 +137,41 @@ impl TexelSampler {
         let width = end - b.x;
         let x = b.x + width * invert(b.from, b.to, (target - b.area) / width);
         let x = x.clamp(b.x, end);
-        let here = || self.fragments.iter().filter(|f| f.left <= b.x && end <= f.right);
-        let length: f64 = here().map(|f| f.length(x, b.x, end)).sum();
-        let mut rest = f64::from(u[1].clamp(0.0, 1.0)) * length;
-        // Fragments of a column from top to bottom: each time the next one below the last.
-        let mut above = (f64::NEG_INFINITY, 0);
-        let mut chosen = None;
-        loop {
-            let key = |f: &Fragment| {
-                let (lo, hi) = f.span(x, b.x, end);
-                (lo + hi, f.triangle)
-            };
-            let next = here()
-                .filter(|f| above < key(f))
-                .min_by(|f, g| key(f).0.total_cmp(&key(g).0).then(f.triangle.cmp(&g.triangle)));
-            let Some(f) = next else { break };
+        // Fragments of the column with their spans, the first few without a list on the heap.
+        let mut few = [(0.0, 0.0, 0); FEW];
+        let mut many = Vec::new();
+        let mut n = 0;
+        let mut length = 0.0;
+        for (i, f) in self.fragments.iter().enumerate() {
+            if b.x < f.left || f.right < end {
+                continue;
+            }
             let (lo, hi) = f.span(x, b.x, end);
-            chosen = Some((f, DVec2::new(x, (lo + rest).min(hi))));
+            length += hi - lo;
+            if n < FEW {
+                few[n] = (lo, hi, i);
+            } else {
+                if n == FEW {
+                    many.extend_from_slice(&few);
+                }
+                many.push((lo, hi, i));
+            }
+            n += 1;
+        }
+        let column = if n <= FEW { &mut few[..n] } else { many.as_mut_slice() };
+        // From top to bottom.
+        column.sort_unstable_by(|f, g| {
+            let triangle = |i: usize| self.fragments[i].triangle;
+            (f.0 + f.1).total_cmp(&(g.0 + g.1)).then_with(|| triangle(f.2).cmp(&triangle(g.2)))
+        });
+        let mut rest = f64::from(u[1].clamp(0.0, 1.0)) * length;
+        let mut chosen = None;
+        for &(lo, hi, i) in &*column {
+            chosen = Some((&self.fragments[i], DVec2::new(x, (lo + rest).min(hi))));
             if rest < hi - lo {
                 break;
             }
             rest -= hi - lo;
-            above = key(f);
         }
         let (fragment, p) = chosen?;
         Some(TexelSample {
@@ -167,11 +183,6 @@ impl TexelSampler {
 }
 
 impl Fragment {
-    fn length(&self, x: f64, left: f64, right: f64) -> f64 {
-        let (lo, hi) = self.span(x, left, right);
-        hi - lo
-    }
-
     /// Lowest and highest y of the polygon at column `x`, from the edges that cross the slab from
     /// `left` to `right`, in which no corner lies.
     fn span(&self, x: f64, left: f64, right: f64) -> (f64, f64) {

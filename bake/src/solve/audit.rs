@@ -1,0 +1,219 @@
+//! Whether stated errors hold: a sample of texels gathered once more, without what may be wrong.
+//!
+//! The spread of a texel's samples says too much about its error where stratification works, too little where light comes
+//! by rare bright paths, and nothing about the irradiance cache. So some texels of each page are gathered
+//! again, by paths that use no cache and with other random numbers, and the page's errors are scaled by
+//! the factors with which the intervals of 95 % hold there: one factor for each of a few classes of texels from
+//! smooth to noisy, because the three faults are not equally common in them.
+
+use crate::error::Error;
+use crate::geom::texel::{TexelMap, TexelSampler};
+use crate::geom::world::luminance;
+use crate::sample::sequence::mix64;
+use crate::solve::Monitor;
+use crate::solve::lightmap::{self, Texel, Validity};
+use crate::transport::Kernel;
+use rayon::prelude::*;
+use tables::num::moments::Moments;
+
+/// Classes of texels, by the part of them that is noisier than the class: half of a page is its smoothest class, a
+/// fortieth the noisiest, which is where the edges of shadows and the fireflies are.
+const CLASSES: [f64; 4] = [0.5, 0.15, 0.025, 0.0];
+
+/// Texels of a class that are gathered again at most: their 95th percentile is known to about 10 %.
+const TEXELS: usize = 128;
+
+/// At least this many texels stand behind each of them, so that an audit costs little.
+const ONE_IN: usize = 8;
+
+/// Audits of fewer texels say too little.
+const FEWEST: usize = 32;
+
+/// Part of the mean luminance below which errors are not weighed by the texel's own luminance.
+const DIM: f64 = 1e-3;
+
+/// Times the samples that the texel has: so the audit's own error is the smaller one.
+const TIMES: u32 = 2;
+
+/// Half the width of a 95 % interval in standard errors, for normal deviates.
+const WIDTH: f64 = 1.96;
+
+/// Range of the factor. Further off, a handful of texels would decide.
+const RANGE: [f64; 2] = [0.4, 4.0];
+
+/// Result of an audit.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Audit {
+    /// From the smoothest to the noisiest.
+    pub classes: Vec<Class>,
+    /// Luminance that is added to a texel's when its error is weighed, nits.
+    dim: f64,
+    /// Mean luminance of the map minus that of the audit, nits: what the cache does to the mean.
+    pub bias: f64,
+    /// Standard error of `bias`, nits.
+    pub bias_std_err: f64,
+}
+
+/// Texels that are about equally noisy.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Class {
+    /// Greatest stated error, as a part of the texel's luminance.
+    pub up_to: f64,
+    /// Texels gathered again.
+    pub audited: usize,
+    /// By what errors are multiplied.
+    pub factor: f64,
+}
+
+impl Audit {
+    /// By what the error of a texel is multiplied.
+    #[must_use]
+    pub fn factor(&self, texel: &Texel) -> f64 {
+        let noise = noise(texel, self.dim);
+        self.classes.iter().find(|c| noise <= c.up_to).or(self.classes.last()).map_or(1.0, |c| c.factor)
+    }
+}
+
+/// A texel's stated error as a part of its luminance.
+fn noise(texel: &Texel, dim: f64) -> f64 {
+    let value = f64::from(luminance(texel.value())) + dim;
+    if 0.0 < value { f64::from(luminance(texel.std_err())) / value } else { 0.0 }
+}
+
+/// Audits a page. `unbiased` is the kernel without its cache; `None` where there are too few lit texels.
+///
+/// # Errors
+///
+/// [`Error::Interrupted`] when the monitor asks to stop.
+pub fn audit(
+    unbiased: &Kernel<'_>,
+    map: &TexelMap,
+    page: usize,
+    seed: u64,
+    texels: &[Texel],
+    monitor: &Monitor,
+) -> Result<Option<Audit>, Error> {
+    let valid: Vec<usize> = (0..texels.len()).filter(|&i| texels[i].validity == Validity::Valid).collect();
+    let mean = valid.iter().map(|&i| f64::from(luminance(texels[i].value()))).sum::<f64>()
+        / valid.len().max(1) as f64;
+    let dim = DIM * mean;
+    let mut ranked: Vec<(f64, usize)> = valid.iter().map(|&i| (noise(&texels[i], dim), i)).collect();
+    ranked.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let few = ranked.len() < ONE_IN * FEWEST * CLASSES.len();
+    let mut audit = Audit { dim, ..Audit::default() };
+    let mut variance = 0.0;
+    let mut from = 0;
+    for &behind in if few { &CLASSES[CLASSES.len() - 1..] } else { &CLASSES[..] } {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a part of a length")]
+        let to = ranked.len() - (behind * ranked.len() as f64) as usize;
+        let class = &ranked[from..to];
+        let n = TEXELS.min(class.len() / if few || behind == 0.0 { ONE_IN / 4 } else { ONE_IN });
+        let pairs: Vec<(Texel, Texel)> = (0..n)
+            .into_par_iter()
+            .with_max_len(1)
+            .filter(|_| !monitor.stopped())
+            .map(|k| {
+                // One from each of as many runs, but not always the same place in the run.
+                let (from, to) = (k * class.len() / n, (k + 1) * class.len() / n);
+                #[expect(clippy::cast_possible_truncation, reason = "smaller than a length")]
+                let (_, index) = class[from + (mix64(seed ^ k as u64) % (to - from) as u64) as usize];
+                let sampler = TexelSampler::new(map, index);
+                let id = (page, map.texels[index], seed);
+                let (again, rays) = lightmap::again(unbiased, &sampler, id, &texels[index], TIMES);
+                monitor.add(0, rays);
+                (texels[index], again)
+            })
+            .collect();
+        if monitor.stopped() {
+            return Err(Error::Interrupted);
+        }
+        let (factor, difference) = judge(&pairs);
+        let up_to = class.last().map_or(0.0, |c| c.0);
+        audit.classes.extend(factor.map(|factor| Class { up_to, audited: n, factor }));
+        let part = class.len() as f64 / ranked.len().max(1) as f64;
+        audit.bias += part * difference.mean;
+        variance += (part * difference.std_err()).powi(2);
+        from = to;
+    }
+    audit.bias_std_err = variance.sqrt();
+    Ok((!audit.classes.is_empty()).then_some(audit))
+}
+
+/// About how much an audit costs, as a part of all samples of a page with so many texels.
+#[must_use]
+pub fn share(texels: usize) -> f64 {
+    let again = (CLASSES.len() * TEXELS).min(texels / ONE_IN) as f64;
+    UNCACHED * f64::from(TIMES) * again / texels.max(1) as f64
+}
+
+/// Cost of a path without the cache; measured 1.3 to 2 times that of one with it.
+const UNCACHED: f64 = 1.7;
+
+/// What pairs of a texel and its audit say: the factor, unless there are too few, and the differences in nits.
+fn judge(pairs: &[(Texel, Texel)]) -> (Option<f64>, Moments) {
+    let mut deviations = Vec::with_capacity(pairs.len());
+    let mut difference = Moments::default();
+    for (known, again) in pairs {
+        let d = f64::from(luminance(known.value()) - luminance(again.value()));
+        let error = f64::from(luminance(known.std_err())).hypot(f64::from(luminance(again.std_err())));
+        difference.push(d);
+        // Black twice says nothing.
+        if d != 0.0 || error != 0.0 {
+            deviations.push(if 0.0 < error { d.abs() / error } else { f64::INFINITY });
+        }
+    }
+    if deviations.len() < FEWEST {
+        return (None, difference);
+    }
+    deviations.sort_by(f64::total_cmp);
+    let percentile = deviations[deviations.len() * 95 / 100];
+    (Some((percentile / WIDTH).clamp(RANGE[0], RANGE[1])), difference)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::{Sequence, sequence::key};
+    use crate::solve::lightmap::Gathered;
+    use glam::Vec3;
+
+    /// Normal deviates of the given size, stated with an error of 1.
+    fn pairs(n: u32, size: f32) -> Vec<(Texel, Texel)> {
+        let texel = |i: u32, side: u64| {
+            let u: f32 = (0..3).flat_map(|k| Sequence::new(key(k, side, u64::from(i)), 0).next4()).sum();
+            let mut t = Texel::default();
+            t.paths =
+                Gathered { mean: Vec3::splat(100.0 + size * (u - 6.0)), std_err: Vec3::ONE, samples: 16 };
+            t
+        };
+        (0..n).map(|i| (texel(i, 0), texel(i, 1))).collect()
+    }
+
+    #[test]
+    fn the_factor_is_how_far_off_the_errors_are() {
+        for size in [0.5, 1.0, 2.5] {
+            let (factor, bias) = judge(&pairs(4000, size));
+            assert!((factor.expect("enough") / f64::from(size) - 1.0).abs() < 0.06, "{size}: {factor:?}");
+            assert!(bias.mean.abs() < 4.0 * bias.std_err(), "{bias:?}");
+        }
+    }
+
+    /// A texel takes the factor of the first class that is as noisy.
+    #[test]
+    fn classes_are_told_apart_by_noise() {
+        let class = |up_to, factor| Class { up_to, audited: 100, factor };
+        let audit = Audit { classes: vec![class(0.01, 0.5), class(0.2, 1.5)], ..Audit::default() };
+        let factor = |std_err: f32| {
+            let mut t = Texel::default();
+            t.paths = Gathered { mean: Vec3::ONE, std_err: Vec3::splat(std_err), samples: 16 };
+            audit.factor(&t)
+        };
+        assert_eq!([0.0, 0.005, 0.1, 0.5].map(factor), [0.5, 0.5, 1.5, 1.5]);
+    }
+
+    #[test]
+    fn few_texels_and_black_ones_say_nothing() {
+        assert!(judge(&pairs(10, 1.0)).0.is_none());
+        assert!(judge(&vec![(Texel::default(), Texel::default()); 1000]).0.is_none());
+    }
+}
