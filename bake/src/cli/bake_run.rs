@@ -152,7 +152,7 @@ impl Job<'_> {
         let cache = self.cache(&kernel, &baked.monitor)?;
         // Whether no light at all reaches a side is a question to paths alone.
         let unbiased = kernel;
-        let kernel = Kernel { cache: cache.as_ref(), ..kernel };
+        let kernel = Kernel { cache: cache.as_ref(), ..learnt.guide_texels(kernel) };
         self.watch.lap("cache");
         let luminance = match settings.sampling {
             Sampling::Target(_) => {
@@ -308,6 +308,7 @@ pub(crate) fn kernel(plan: &Plan) -> Kernel<'_> {
         lights: &t.lights,
         bounces: plan.settings().bounces,
         beams: None,
+        landed: &[],
         sky_guide: None,
         cache: None,
     }

@@ -47,6 +47,7 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
         lights: &tracing.lights,
         bounces: args.bounces.or(input.run.bounces),
         beams: None,
+        landed: &[],
         sky_guide: None,
         cache: None,
     };

@@ -58,7 +58,7 @@ impl Cost {
         let learnt = learn(plan);
         let kernel = learnt.guide(kernel(plan));
         let (cache, cache_seconds) = Self::cache(plan, &kernel)?;
-        let kernel = Kernel { cache: cache.as_ref(), ..kernel };
+        let kernel = Kernel { cache: cache.as_ref(), ..learnt.guide_texels(kernel) };
         let (mut covered, mut seconds, mut paths) = (0u64, 0.0, 0u64);
         for page in 0..plan.atlas().pages.len() {
             let map = TexelMap::build(plan.scene(), plan.atlas(), page);

@@ -44,6 +44,12 @@ impl Sequence {
         Self { seed: (key ^ (key >> 32)) as u32, index: index % RUN, set: 0 }
     }
 
+    /// Number of the sample, within a run of 65,536.
+    #[must_use]
+    pub const fn index(&self) -> u32 {
+        self.index
+    }
+
     /// Numbers for something else that belongs to the same sample: independent of these, and stratified over
     /// samples as they are.
     #[must_use]

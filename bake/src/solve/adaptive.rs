@@ -59,7 +59,7 @@ pub fn plan(map: &TexelMap, solution: &Solution, goal: Goal) -> Round {
         let t = &texels[k];
         More {
             small: if 0.0 < cost.small { new(scale, small[k], cost.small, t.small.samples) } else { 0 },
-            paths: new(scale, paths[k], cost.path, t.paths.samples),
+            paths: new(scale, paths[k], cost.path_at(t), t.paths.samples),
         }
     };
     let n = texels.len() as f64;
@@ -71,7 +71,7 @@ pub fn plan(map: &TexelMap, solution: &Solution, goal: Goal) -> Round {
             let total: f64 = (0..texels.len())
                 .map(|k| {
                     let (t, m) = (&texels[k], more(scale, k));
-                    cost.of(t.small.samples + m.small, t.paths.samples + m.paths)
+                    cost.of(t, t.small.samples + m.small, t.paths.samples + m.paths)
                 })
                 .sum();
             mean * n <= total
@@ -98,7 +98,7 @@ pub fn plan(map: &TexelMap, solution: &Solution, goal: Goal) -> Round {
         if enough(middle) { hi = middle } else { lo = middle }
     }
     let more: Vec<More> = (0..texels.len()).map(|k| more(hi, k)).collect();
-    let total = more.iter().map(|m| cost.of(m.small, m.paths)).sum();
+    let total = texels.iter().zip(&more).map(|(t, m)| cost.of(t, m.small, m.paths)).sum();
     Round { more, total }
 }
 
@@ -225,7 +225,7 @@ mod tests {
     #[test]
     fn cheap_samples_are_taken_more_often() {
         let (map, mut solution) = row(&[1.0, 1.0]);
-        solution.cost = Cost { small: 0.2, path: 0.8 };
+        solution.cost = Cost { small: 0.2, path: 0.8, open_path: 0.8 };
         solution.texels[0].small = solution.texels[0].paths;
         let round = plan(&map, &solution, Goal::Mean(400.0));
         let [both, one] = [round.more[0], round.more[1]];

@@ -60,7 +60,7 @@ pub struct Texel {
     /// Which side is gathered.
     side: Side,
     /// See [`Vertex::open`].
-    open: bool,
+    pub open: bool,
 }
 
 /// Mean of samples.
@@ -162,39 +162,54 @@ pub struct Solution {
     pub audit: Option<Audit>,
 }
 
-/// What the two kinds of samples cost, by rays.
+/// What samples cost, by rays: parts of what a path with its share of suns and lamps costs on average.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cost {
-    /// One sample of suns and lamps, as a part of a sample of both kinds; 0 where there are none.
+    /// One sample of suns and lamps; 0 where there are none.
     pub small: f64,
     /// One path.
     pub path: f64,
+    /// One path in the open, where fewer rays are needed.
+    pub open_path: f64,
 }
 
 impl Default for Cost {
     fn default() -> Self {
-        Self { small: 0.0, path: 1.0 }
+        Self { small: 0.0, path: 1.0, open_path: 1.0 }
     }
 }
 
 impl Cost {
     /// From rays and samples of each kind. Choosing the place where a sample starts counts as [`START`] rays.
-    fn new([small, paths]: [Counted; 2]) -> Self {
+    fn new(counted: [Counted; KINDS]) -> Self {
         let each = |c: Counted| if c.samples == 0 { 0.0 } else { START + c.rays as f64 / c.samples as f64 };
-        let both = each(small) + each(paths);
-        if 0.0 < each(paths) {
-            Self { small: each(small) / both, path: each(paths) / both }
-        } else {
-            Self::default()
+        let all = |c: Counted| each(c) * c.samples as f64;
+        let [small, path, open] = counted;
+        let both = (all(small) + all(path) + all(open)) / (path.samples + open.samples).max(1) as f64;
+        if both <= 0.0 {
+            return Self::default();
         }
+        let [small, path, open_path] = counted.map(|c| each(c) / both);
+        // A kind that did not occur costs something all the same.
+        let or = |cost: f64, other: f64| if 0.0 < cost { cost } else { other };
+        Self { small, path: or(path, open_path), open_path: or(open_path, path) }
     }
 
-    /// Cost of what a texel got, in paths with their share of suns and lamps.
+    /// One path at a texel.
     #[must_use]
-    pub fn of(&self, small: u32, paths: u32) -> f64 {
-        self.small * f64::from(small) + self.path * f64::from(paths)
+    pub fn path_at(&self, texel: &Texel) -> f64 {
+        if texel.open { self.open_path } else { self.path }
+    }
+
+    /// What samples of a texel cost.
+    #[must_use]
+    pub fn of(&self, texel: &Texel, small: u32, paths: u32) -> f64 {
+        self.small * f64::from(small) + self.path_at(texel) * f64::from(paths)
     }
 }
+
+/// Kinds of samples that cost differently: suns and lamps, paths, paths in the open.
+const KINDS: usize = 3;
 
 /// See [`Cost::new`].
 const START: f64 = 0.5;
@@ -223,7 +238,7 @@ impl Solution {
     /// What all texels cost, in paths with their share of suns and lamps.
     #[must_use]
     pub fn spent(&self) -> f64 {
-        self.texels.iter().map(|t| self.cost.of(t.small.samples, t.paths.samples)).sum()
+        self.texels.iter().map(|t| self.cost.of(t, t.small.samples, t.paths.samples)).sum()
     }
 }
 
@@ -282,24 +297,23 @@ pub fn bake_page(
 #[derive(Clone, Copy, Default)]
 struct Tally {
     gate: Gate,
-    /// Suns and lamps, paths.
-    counted: [Counted; 2],
+    counted: [Counted; KINDS],
     /// Rays that looked around.
     looks: u64,
 }
 
 impl Tally {
     fn rays(&self) -> u64 {
-        self.looks + self.counted[0].rays + self.counted[1].rays
+        self.looks + self.counted.iter().map(|c| c.rays).sum::<u64>()
     }
 
     /// Both together; `self` came first.
     fn merge(self, o: Self) -> Self {
-        let sum = |k: usize| {
+        let counted = std::array::from_fn(|k| {
             let (a, b) = (self.counted[k], o.counted[k]);
             Counted { samples: a.samples + b.samples, rays: a.rays + b.rays }
-        };
-        Self { gate: self.gate.merge(o.gate), counted: [sum(0), sum(1)], looks: self.looks + o.looks }
+        });
+        Self { gate: self.gate.merge(o.gate), counted, looks: self.looks + o.looks }
     }
 }
 
@@ -417,7 +431,8 @@ impl Place<'_> {
         let Id { page, texel, seed } = self.id;
         let domain = if kind == Kind::Small { SMALL } else { DOMAIN };
         let key = sequence::key(seed, domain + page as u64, u64::from(texel));
-        let counted = &mut tally.counted[usize::from(kind == Kind::Path)];
+        let kind_of_cost = if kind == Kind::Small { 0 } else { 1 + usize::from(self.open) };
+        let counted = &mut tally.counted[kind_of_cost];
         let gate = &mut tally.gate;
         numbers.filter_map(move |i| {
             let mut sequence = Sequence::new(key, i);
@@ -504,7 +519,7 @@ pub fn refine_page(
                     let at = Place { kernel, sampler, id, side: t.side, cells: t.cells, open: t.open };
                     add(&at, Kind::Small, more.small, t, scratch, &mut tally);
                     add(&at, Kind::Path, more.paths, t, scratch, &mut tally);
-                    spent += cost.of(more.small, more.paths);
+                    spent += cost.of(t, more.small, more.paths);
                 }
                 #[expect(
                     clippy::cast_possible_truncation,

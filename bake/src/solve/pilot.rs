@@ -5,6 +5,7 @@ use crate::geom::world::luminance;
 use crate::light::beams::Beams;
 use crate::light::sky_guide::{DIRECTIONS, Regions, SkyGuide, region_key};
 use crate::sample::{Sequence, sequence};
+use crate::transport::connect::LightVertex;
 use crate::transport::{Kernel, Vertex};
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
@@ -28,13 +29,23 @@ pub struct Learnt {
     pub beams: Option<Beams>,
     /// Directions of the sky.
     pub sky_guide: Option<SkyGuide>,
+    /// Where beams landed.
+    landed: Vec<Option<LightVertex>>,
 }
 
 impl Learnt {
     /// Learns for the given receivers, from `kernel` without its beams and guide.
     #[must_use]
     pub fn new(kernel: &Kernel<'_>, receivers: &[Vertex], seed: u64) -> Self {
-        Self { beams: beams(kernel, receivers, seed), sky_guide: sky_guide(kernel, receivers, seed) }
+        let beams = beams(kernel, receivers, seed);
+        let landed = landed(&Kernel { beams: beams.as_ref(), ..*kernel }, seed);
+        Self { beams, sky_guide: sky_guide(kernel, receivers, seed), landed }
+    }
+
+    /// As [`Learnt::guide`], for the many texels of a map, which share beams.
+    #[must_use]
+    pub fn guide_texels<'a>(&'a self, kernel: Kernel<'a>) -> Kernel<'a> {
+        Kernel { landed: &self.landed, ..self.guide(kernel) }
     }
 
     /// `kernel` with what was learnt.
@@ -84,6 +95,16 @@ fn beams(kernel: &Kernel<'_>, receivers: &[Vertex], seed: u64) -> Option<Beams> 
     let mean = scores.iter().sum::<f64>() / (scores.len() * BEAMS as usize) as f64;
     Some(even.learnt(&smooth(&scores, even.side()), mean))
 }
+
+/// Sends beams that many paths share.
+fn landed(kernel: &Kernel<'_>, seed: u64) -> Vec<Option<LightVertex>> {
+    let n = if kernel.beams.is_some() { LANDED } else { 0 };
+    let key = sequence::key(seed, DOMAIN, u64::MAX - 1);
+    (0..n).into_par_iter().map(|i| kernel.beam(&mut Sequence::new(key, i), &mut 0)).collect()
+}
+
+/// Beams that many paths share: 64 times as many as a path may have numbers with.
+pub const LANDED: u32 = 1 << 16;
 
 /// Most receivers that look at the sky from one region.
 const LOOKOUTS: usize = 6;

@@ -86,14 +86,7 @@ impl Task<'_> {
     /// Finds out how far the stated errors can be trusted.
     fn audit(&self, solution: &mut Solution, monitor: &Monitor) -> Result<(), Error> {
         solution.audit =
-            audit::audit(
-            self.unbiased,
-            self.map,
-            self.page,
-            self.effort.seed,
-            &solution.texels,
-            monitor,
-        )?;
+            audit::audit(self.unbiased, self.map, self.page, self.effort.seed, &solution.texels, monitor)?;
         Ok(())
     }
 

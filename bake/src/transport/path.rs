@@ -31,6 +31,10 @@ const DEEP_SURVIVAL: f32 = 0.9;
 /// walk through degenerate stacks.
 pub(crate) const MAX_LAYERS: u32 = 256;
 
+/// Paths of higher numbers send beams of their own: the noise of the shared ones, which no texel's error contains, must
+/// stay small beside that of a texel.
+const BORROWED: u32 = 1024;
+
 /// Everything a path needs.
 #[derive(Clone, Copy, Debug)]
 pub struct Kernel<'a> {
@@ -47,6 +51,8 @@ pub struct Kernel<'a> {
     /// Paths from the lights that every vertex connects to; without them light is found from the
     /// receiver alone.
     pub beams: Option<&'a Beams>,
+    /// Where some of the beams landed: paths of low numbers take these instead of sending beams of their own.
+    pub landed: &'a [Option<LightVertex>],
     /// Directions in which the sky is seen; without them the sky is found by chance alone, unless it
     /// is an image.
     pub sky_guide: Option<&'a SkyGuide>,
@@ -272,7 +278,16 @@ impl LazyBeam {
     }
 
     fn get(&mut self, kernel: &Kernel<'_>, rays: &mut u32) -> Option<&LightVertex> {
-        self.beam.get_or_insert_with(|| kernel.beam(&mut self.sequence, rays)).as_ref()
+        let found = || {
+            let n = kernel.landed.len();
+            if n == 0 || BORROWED <= self.sequence.index() {
+                return kernel.beam(&mut self.sequence, rays);
+            }
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index")]
+            let k = (self.sequence.next4()[0] * n as f32) as usize;
+            kernel.landed[k.min(n - 1)]
+        };
+        self.beam.get_or_insert_with(found).as_ref()
     }
 }
 
