@@ -40,11 +40,27 @@ impl Class {
         (b - a).cross(c - a).length() * 0.5
     }
 
+    /// Whether at least one triangle is wide enough to be unwrapped: more than [`NARROW`] of the mesh's extent.
+    fn has_charts(&self, mesh: &Mesh) -> bool {
+        let all = || self.positions.iter().map(|p| DVec3::from(p.map(f64::from)));
+        let lo = all().fold(DVec3::INFINITY, DVec3::min);
+        let hi = all().fold(DVec3::NEG_INFINITY, DVec3::max);
+        let narrow = NARROW * (hi - lo).length();
+        mesh.triangles.iter().any(|&t| {
+            let [a, b, c] = self.corners(t);
+            let longest = (b - a).length().max((c - b).length()).max((a - c).length());
+            narrow * longest < 2.0 * self.triangle_area(t)
+        })
+    }
+
     /// Corner positions of triangle `t`.
     pub(super) fn corners(&self, t: [u32; 3]) -> [DVec3; 3] {
         t.map(|v| DVec3::from(self.positions[v as usize].map(f64::from)))
     }
 }
+
+/// A triangle of less height than this part of its mesh's extent gets no chart. The unwrapper stops at a tenth of it.
+const NARROW: f64 = 1e-5;
 
 /// Sorts the `wanted` surfaces into classes, in order of first appearance. Surfaces without area
 /// or with positions that are not finite are left out, with a finding.
@@ -106,7 +122,7 @@ fn class(index: usize, mesh: &Mesh, map: &DMat3) -> Class {
         unit,
         members: Vec::new(),
     };
-    if finite {
+    if finite && class.has_charts(mesh) {
         class.area = mesh.triangles.iter().map(|&t| class.triangle_area(t)).sum();
     }
     class

@@ -455,7 +455,10 @@ impl Job<'_> {
             }
             rects.push(list);
         }
-        Packed { density, pages: atlas.page_count as usize, width: 0, sources, meshes: atlas.meshes, rects }
+        // A mesh of which no triangle has area has a place but no chart, and the packer no page.
+        let pages = rects.iter().flatten().map(|r: &Rect| r.page + 1).max().unwrap_or(0);
+        let pages = pages.max(atlas.page_count as usize);
+        Packed { density, pages, width: 0, sources, meshes: atlas.meshes, rects }
     }
 }
 
