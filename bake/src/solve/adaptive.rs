@@ -14,6 +14,10 @@ use crate::solve::lightmap::{Gathered, More, Solution, Texel, Validity};
 /// Paths that a texel gets in one round are multiples of this.
 const UNIT: f32 = 4.0;
 
+/// A texel gets at least one sample of suns and lamps for so many paths: where neither it nor its neighbours has seen the
+/// edge of a shadow yet, it would get none for ever.
+const LEAST_SMALL: u32 = 4;
+
 /// Most paths of a texel.
 const MOST: f32 = 65_536.0;
 
@@ -57,10 +61,11 @@ pub fn plan(map: &TexelMap, solution: &Solution, goal: Goal) -> Round {
     };
     let more = |scale: f64, k: usize| {
         let t = &texels[k];
-        More {
-            small: if 0.0 < cost.small { new(scale, small[k], cost.small, t.small.samples) } else { 0 },
-            paths: new(scale, paths[k], cost.path_at(t), t.paths.samples),
-        }
+        let more = new(scale, paths[k], cost.path_at(t), t.paths.samples);
+        let least = ((t.paths.samples + more) / LEAST_SMALL).saturating_sub(t.small.samples);
+        let least = least.next_multiple_of(UNIT as u32);
+        let wanted = new(scale, small[k], cost.small, t.small.samples);
+        More { small: if 0.0 < cost.small { wanted.max(least) } else { 0 }, paths: more }
     };
     let n = texels.len() as f64;
     let valid = texels.iter().filter(|t| t.validity == Validity::Valid).count() as f64;
@@ -230,7 +235,7 @@ mod tests {
         let round = plan(&map, &solution, Goal::Mean(400.0));
         let [both, one] = [round.more[0], round.more[1]];
         assert!((f64::from(both.small + 16) / f64::from(both.paths + 16) - 2.0).abs() < 0.05, "{both:?}");
-        assert_eq!((one.small, one.paths), (0, both.paths));
+        assert_eq!((one.small, one.paths), ((one.paths + 16).div_ceil(16) * 4, both.paths));
     }
 
     /// Poison: nothing lit, no texels, and goals that cannot be reached end all the same.

@@ -16,15 +16,17 @@ use crate::transport::Kernel;
 use rayon::prelude::*;
 use tables::num::moments::Moments;
 
-/// Classes of texels, by the part of them that is noisier than the class: half of a page is its smoothest class, a
-/// fortieth the noisiest, which is where the edges of shadows and the fireflies are.
-const CLASSES: [f64; 4] = [0.5, 0.15, 0.025, 0.0];
+/// Classes of texels, by the part of them that is noisier than the class: half of a page is its smoothest class.
+///
+/// The noisiest fortieth, the edges of shadows and the fireflies, is not audited: what is seen there in so few texels is
+/// chance, and the mean square of the stated errors, which the map's error consists of, is right as it stands.
+const CLASSES: [f64; 3] = [0.5, 0.15, 0.025];
 
 /// Texels of a class that are gathered again at most: their 95th percentile is known to about 10 %.
 const TEXELS: usize = 128;
 
 /// At least this many texels stand behind each of them, so that an audit costs little.
-const ONE_IN: usize = 8;
+const ONE_IN: usize = 32;
 
 /// Audits of fewer texels say too little.
 const FEWEST: usize = 32;
@@ -32,8 +34,14 @@ const FEWEST: usize = 32;
 /// Part of the mean luminance below which errors are not weighed by the texel's own luminance.
 const DIM: f64 = 1e-3;
 
-/// Times the samples that the texel has: so the audit's own error is the smaller one.
+/// Each of the two times that a texel is gathered again takes this many times its samples.
 const TIMES: u32 = 2;
+
+/// How often a texel is gathered again: twice tells how good the audit itself is.
+const AGAIN: usize = 2;
+
+/// Percentile that decides: one more than the interval is meant to hold, because the factor is itself uncertain.
+const PERCENT: usize = 96;
 
 /// Half the width of a 95 % interval in standard errors, for normal deviates.
 const WIDTH: f64 = 1.96;
@@ -70,7 +78,7 @@ impl Audit {
     #[must_use]
     pub fn factor(&self, texel: &Texel) -> f64 {
         let noise = noise(texel, self.dim);
-        self.classes.iter().find(|c| noise <= c.up_to).or(self.classes.last()).map_or(1.0, |c| c.factor)
+        self.classes.iter().find(|c| noise <= c.up_to).map_or(1.0, |c| c.factor)
     }
 }
 
@@ -99,16 +107,16 @@ pub fn audit(
     let dim = DIM * mean;
     let mut ranked: Vec<(f64, usize)> = valid.iter().map(|&i| (noise(&texels[i], dim), i)).collect();
     ranked.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    let few = ranked.len() < ONE_IN * FEWEST * CLASSES.len();
+    let few = ranked.len() < 4 * ONE_IN * FEWEST;
     let mut audit = Audit { dim, ..Audit::default() };
     let mut variance = 0.0;
     let mut from = 0;
-    for &behind in if few { &CLASSES[CLASSES.len() - 1..] } else { &CLASSES[..] } {
+    for &behind in if few { &[0.0][..] } else { &CLASSES[..] } {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a part of a length")]
         let to = ranked.len() - (behind * ranked.len() as f64) as usize;
         let class = &ranked[from..to];
-        let n = TEXELS.min(class.len() / if few || behind == 0.0 { ONE_IN / 4 } else { ONE_IN });
-        let pairs: Vec<(Texel, Texel)> = (0..n)
+        let n = TEXELS.min(class.len() / ONE_IN);
+        let asked: Vec<[Texel; 1 + AGAIN]> = (0..n)
             .into_par_iter()
             .with_max_len(1)
             .filter(|_| !monitor.stopped())
@@ -118,16 +126,19 @@ pub fn audit(
                 #[expect(clippy::cast_possible_truncation, reason = "smaller than a length")]
                 let (_, index) = class[from + (mix64(seed ^ k as u64) % (to - from) as u64) as usize];
                 let sampler = TexelSampler::new(map, index);
-                let id = (page, map.texels[index], seed);
-                let (again, rays) = lightmap::again(unbiased, &sampler, id, &texels[index], TIMES);
-                monitor.add(0, rays);
-                (texels[index], again)
+                let again = |turn: u64| {
+                    let id = (page, map.texels[index], mix64(seed ^ turn));
+                    let (again, rays) = lightmap::again(unbiased, &sampler, id, &texels[index], TIMES);
+                    monitor.add(0, rays);
+                    again
+                };
+                [texels[index], again(1), again(2)]
             })
             .collect();
         if monitor.stopped() {
             return Err(Error::Interrupted);
         }
-        let (factor, difference) = judge(&pairs);
+        let (factor, difference) = judge(&asked);
         let up_to = class.last().map_or(0.0, |c| c.0);
         audit.classes.extend(factor.map(|factor| Class { up_to, audited: n, factor }));
         let part = class.len() as f64 / ranked.len().max(1) as f64;
@@ -143,31 +154,54 @@ pub fn audit(
 #[must_use]
 pub fn share(texels: usize) -> f64 {
     let again = (CLASSES.len() * TEXELS).min(texels / ONE_IN) as f64;
-    UNCACHED * f64::from(TIMES) * again / texels.max(1) as f64
+    UNCACHED * f64::from(TIMES) * AGAIN as f64 * again / texels.max(1) as f64
 }
 
 /// Cost of a path without the cache; measured 1.3 to 2 times that of one with it.
 const UNCACHED: f64 = 1.7;
 
-/// What pairs of a texel and its audit say: the factor, unless there are too few, and the differences in nits.
-fn judge(pairs: &[(Texel, Texel)]) -> (Option<f64>, Moments) {
-    let mut deviations = Vec::with_capacity(pairs.len());
+/// What texels and their audits say: the factor, unless there are too few, and the differences in nits.
+///
+/// The factor `f` is such that for 95 % of the texels the difference lies within 1.96 of the joint error of the texel,
+/// scaled by `f`, and of its audit, scaled by what the audit's two halves say of themselves.
+fn judge(asked: &[[Texel; 1 + AGAIN]]) -> (Option<f64>, Moments) {
+    let value = |t: &Texel| f64::from(luminance(t.value()));
+    let square = |t: &Texel| f64::from(luminance(t.std_err())).powi(2);
     let mut difference = Moments::default();
-    for (known, again) in pairs {
-        let d = f64::from(luminance(known.value()) - luminance(again.value()));
-        let error = f64::from(luminance(known.std_err())).hypot(f64::from(luminance(again.std_err())));
+    let mut halves = Vec::with_capacity(asked.len());
+    let mut seen = Vec::with_capacity(asked.len());
+    for [known, a, b] in asked {
+        let d = value(known) - 0.5 * (value(a) + value(b));
         difference.push(d);
-        // Black twice says nothing.
-        if d != 0.0 || error != 0.0 {
-            deviations.push(if 0.0 < error { d.abs() / error } else { f64::INFINITY });
+        // What is black each time says nothing.
+        let (own, again) = (square(known), 0.25 * (square(a) + square(b)));
+        if d != 0.0 || own + again != 0.0 {
+            halves.push(ratio((value(a) - value(b)).powi(2), square(a) + square(b)));
+            seen.push((d * d, own, again));
         }
     }
-    if deviations.len() < FEWEST {
+    if seen.len() < FEWEST {
         return (None, difference);
     }
-    deviations.sort_by(f64::total_cmp);
-    let percentile = deviations[deviations.len() * 95 / 100];
-    (Some((percentile / WIDTH).clamp(RANGE[0], RANGE[1])), difference)
+    let audit = percentile(halves) / (WIDTH * WIDTH);
+    let audit = audit.clamp(RANGE[0].powi(2), RANGE[1].powi(2));
+    let needed =
+        seen.iter().map(|(d2, own, again)| ratio(d2 / (WIDTH * WIDTH) - audit * again, *own)).collect();
+    (Some(percentile(needed).max(0.0).sqrt().clamp(RANGE[0], RANGE[1])), difference)
+}
+
+/// A quotient that is large where only the denominator is 0, and 0 where the numerator is not positive.
+fn ratio(a: f64, b: f64) -> f64 {
+    match (0.0 < a, 0.0 < b) {
+        (false, _) => 0.0,
+        (true, false) => f64::INFINITY,
+        (true, true) => a / b,
+    }
+}
+
+fn percentile(mut list: Vec<f64>) -> f64 {
+    list.sort_by(f64::total_cmp);
+    list[list.len() * PERCENT / 100]
 }
 
 #[cfg(test)]
@@ -177,28 +211,30 @@ mod tests {
     use crate::solve::lightmap::Gathered;
     use glam::Vec3;
 
-    /// Normal deviates of the given size, stated with an error of 1.
-    fn pairs(n: u32, size: f32) -> Vec<(Texel, Texel)> {
-        let texel = |i: u32, side: u64| {
+    /// Normal deviates, stated with an error of 1: the texel's of the given size, its audit's half as large as stated.
+    fn asked(n: u32, size: f32) -> Vec<[Texel; 3]> {
+        let texel = |i: u32, side: u64, size: f32| {
             let u: f32 = (0..3).flat_map(|k| Sequence::new(key(k, side, u64::from(i)), 0).next4()).sum();
             let mut t = Texel::default();
             t.paths =
                 Gathered { mean: Vec3::splat(100.0 + size * (u - 6.0)), std_err: Vec3::ONE, samples: 16 };
             t
         };
-        (0..n).map(|i| (texel(i, 0), texel(i, 1))).collect()
+        (0..n).map(|i| [texel(i, 0, size), texel(i, 1, 0.5), texel(i, 2, 0.5)]).collect()
     }
 
     #[test]
     fn the_factor_is_how_far_off_the_errors_are() {
         for size in [0.5, 1.0, 2.5] {
-            let (factor, bias) = judge(&pairs(4000, size));
-            assert!((factor.expect("enough") / f64::from(size) - 1.0).abs() < 0.06, "{size}: {factor:?}");
+            let (factor, bias) = judge(&asked(4000, size));
+            // 2.05 of 1.96: the 96th percentile of normal deviates.
+            let want = f64::from(size) * 2.054 / WIDTH;
+            assert!((factor.expect("enough") / want - 1.0).abs() < 0.07, "{size}: {factor:?}");
             assert!(bias.mean.abs() < 4.0 * bias.std_err(), "{bias:?}");
         }
     }
 
-    /// A texel takes the factor of the first class that is as noisy.
+    /// A texel takes the factor of the first class that is as noisy; beyond the last one errors stay.
     #[test]
     fn classes_are_told_apart_by_noise() {
         let class = |up_to, factor| Class { up_to, audited: 100, factor };
@@ -208,12 +244,12 @@ mod tests {
             t.paths = Gathered { mean: Vec3::ONE, std_err: Vec3::splat(std_err), samples: 16 };
             audit.factor(&t)
         };
-        assert_eq!([0.0, 0.005, 0.1, 0.5].map(factor), [0.5, 0.5, 1.5, 1.5]);
+        assert_eq!([0.0, 0.005, 0.1, 0.5].map(factor), [0.5, 0.5, 1.5, 1.0]);
     }
 
     #[test]
     fn few_texels_and_black_ones_say_nothing() {
-        assert!(judge(&pairs(10, 1.0)).0.is_none());
-        assert!(judge(&vec![(Texel::default(), Texel::default()); 1000]).0.is_none());
+        assert!(judge(&asked(10, 1.0)).0.is_none());
+        assert!(judge(&vec![[Texel::default(); 3]; 1000]).0.is_none());
     }
 }

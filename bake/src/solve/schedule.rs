@@ -133,10 +133,17 @@ impl Task<'_> {
         let n = self.map.texels.len() as f64;
         expect(monitor, n * f64::from(LEARN));
         let mut solution = self.first(LEARN, small(LEARN), monitor)?;
+        self.audit(&mut solution, monitor)?;
+        let mut audited = solution.spent();
         for _ in 0..ROUNDS {
-            self.audit(&mut solution, monitor)?;
-            let (error, mean) = adaptive::error(&solution);
+            let (mut error, mean) = adaptive::error(&solution);
             let goal = relative * self.luminance.unwrap_or(mean);
+            if error <= goal && audited < solution.spent() {
+                // More samples may be better stratified, or the cache's part in the error greater.
+                self.audit(&mut solution, monitor)?;
+                audited = solution.spent();
+                (error, _) = adaptive::error(&solution);
+            }
             if error <= goal {
                 break;
             }
