@@ -3,6 +3,8 @@
 //! Every case follows from one number. `FUZZ_SECONDS` sets for how long new ones are tried (5 by default), `FUZZ_FROM` the
 //! first of them. Numbers that once failed are kept in [`KEPT`] and tried every time, at every length.
 
+#![expect(clippy::print_stdout, reason = "what was tried belongs in the log")]
+
 use bake::geom::atlas::{Engine, Unwrap};
 use bake::geom::texel::TexelMap;
 use bake::output::{assemble, scene_glb};

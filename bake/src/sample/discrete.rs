@@ -116,7 +116,7 @@ mod tests {
     #[test]
     fn the_guide_changes_nothing() {
         for n in [1, 2, 7, 1152, 16_384] {
-            let weight = |i: u32| if i % 3 == 0 { 0.0 } else { f64::from(i % 11).powi(4) + 1e-4 };
+            let weight = |i: u32| if i.is_multiple_of(3) { 0.0 } else { f64::from(i % 11).powi(4) + 1e-4 };
             let cdf = Cdf::new((0..n).map(|i| weight(i + 1))).expect("weights");
             let steps = cdf.cumulative.iter().flat_map(|&c| [c, c.next_down(), c.next_up()]);
             let between = (0..4096u16).map(|i| f32::from(i) / 4096.0);

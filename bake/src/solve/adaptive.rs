@@ -12,7 +12,7 @@ use crate::geom::world::luminance;
 use crate::solve::lightmap::{Gathered, More, Solution, Texel, Validity};
 
 /// Paths that a texel gets in one round are multiples of this.
-const UNIT: f32 = 4.0;
+const UNIT: u32 = 4;
 
 /// A texel gets at least one sample of suns and lamps for so many paths: where neither it nor its neighbours has seen the
 /// edge of a shadow yet, it would get none for ever.
@@ -54,7 +54,8 @@ pub fn plan(map: &TexelMap, solution: &Solution, goal: Goal) -> Round {
     let new = |scale: f64, sigma: f32, cost: f64, has: u32| {
         #[expect(clippy::cast_possible_truncation, reason = "samples are few")]
         let wanted = (scale * f64::from(sigma) / cost.sqrt()).min(f64::from(MOST)) as f32;
-        let more = ((wanted - has as f32) / UNIT).round() * UNIT;
+        let unit = UNIT as f32;
+        let more = ((wanted - has as f32) / unit).round() * unit;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most MOST")]
         let more = if wanted.is_finite() { more.max(0.0) as u32 } else { 0 };
         more
@@ -63,7 +64,7 @@ pub fn plan(map: &TexelMap, solution: &Solution, goal: Goal) -> Round {
         let t = &texels[k];
         let more = new(scale, paths[k], cost.path_at(t), t.paths.samples);
         let least = ((t.paths.samples + more) / LEAST_SMALL).saturating_sub(t.small.samples);
-        let least = least.next_multiple_of(UNIT as u32);
+        let least = least.next_multiple_of(UNIT);
         let wanted = new(scale, small[k], cost.small, t.small.samples);
         More { small: if 0.0 < cost.small { wanted.max(least) } else { 0 }, paths: more }
     };
