@@ -29,7 +29,7 @@ use suite::scenes::{closed, hard, open};
 const KEPT: &[u64] = &[8005];
 
 /// No case may take longer; the machine may be busy with other tests.
-const LIMIT: Duration = Duration::from_secs(10);
+const LIMIT: Duration = Duration::from_secs(60);
 
 /// Larger files make cases slow without making them more different.
 const LARGEST: u64 = 300_000;
@@ -97,6 +97,7 @@ fn walk(folder: &Path, found: &mut Vec<PathBuf>) {
         } else if meta.len() <= LARGEST
             && path.extension().is_some_and(|e| e == "glb" || e == "gltf")
             && !path.to_string_lossy().contains("glTF1")
+            && !path.to_string_lossy().contains("sponza")
         {
             found.push(path);
         }
@@ -365,7 +366,9 @@ fn sound(sources: &[Source]) -> Vec<usize> {
             return false;
         };
         let options = LoadOptions { light_units: LightUnits::Gltf, sky: None };
-        plan::admit(&gltf::load(&document, &Config::default(), &options).1).is_ok()
+        // With all its buffers it may be much larger than the file that names them.
+        document.total_bytes() <= LARGEST
+            && plan::admit(&gltf::load(&document, &Config::default(), &options).1).is_ok()
     };
     (0..sources.len()).filter(|&i| is_sound(&sources[i])).collect()
 }

@@ -104,7 +104,7 @@ fn landed(kernel: &Kernel<'_>, seed: u64) -> Vec<Option<LightVertex>> {
 }
 
 /// Beams that many paths share: 64 times as many as a path may have numbers with.
-pub const LANDED: u32 = 1 << 16;
+pub const LANDED: u32 = 1 << 14;
 
 /// Most receivers that look at the sky from one region.
 const LOOKOUTS: usize = 6;

@@ -33,7 +33,7 @@ pub(crate) const MAX_LAYERS: u32 = 256;
 
 /// Paths of higher numbers send beams of their own: the noise of the shared ones, which no texel's error contains, must
 /// stay small beside that of a texel.
-const BORROWED: u32 = 1024;
+const BORROWED: u32 = 256;
 
 /// Everything a path needs.
 #[derive(Clone, Copy, Debug)]
