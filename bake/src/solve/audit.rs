@@ -22,7 +22,7 @@ use tables::num::moments::Moments;
 /// chance, and the mean square of the stated errors, which the map's error consists of, is right as it stands.
 const CLASSES: [f64; 3] = [0.5, 0.15, 0.025];
 
-/// Texels of a class that are gathered again at most: their 95th percentile is known to about 10 %.
+/// Texels of a class that are gathered again at most: their percentile is known to about 10 %.
 const TEXELS: usize = 128;
 
 /// At least this many texels stand behind each of them, so that an audit costs little.

@@ -33,7 +33,9 @@ const DOMAIN: u64 = 0x4c4d;
 const PROBE: u64 = 0x4c50;
 
 /// Those of suns and lamps, which are gathered apart.
-const SMALL: u64 = 0x4c53;
+///
+/// Pages are added to domains, so these lie further apart than there are pages.
+const SMALL: u64 = 0x5355;
 
 /// Added to the seed of texels that are gathered again.
 const AUDIT: u64 = 0x4155;

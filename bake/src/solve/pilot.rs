@@ -103,7 +103,8 @@ fn landed(kernel: &Kernel<'_>, seed: u64) -> Vec<Option<LightVertex>> {
     (0..n).into_par_iter().map(|i| kernel.beam(&mut Sequence::new(key, i), &mut 0)).collect()
 }
 
-/// Beams that many paths share: 64 times as many as a path may have numbers with.
+/// Beams that many paths share: 64 for each path of a texel that takes one of them, so that their own noise is small
+/// beside that of a texel.
 pub const LANDED: u32 = 1 << 14;
 
 /// Most receivers that look at the sky from one region.
