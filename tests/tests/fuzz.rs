@@ -330,18 +330,7 @@ fn attempt(name: &str, bytes: &[u8], folder: Option<&Path>, config: Option<&str>
 
 /// Two paths in every texel, and the scene with its new coordinates.
 fn bake_a_little(plan: &Plan, document: &Document) {
-    let t = plan.tracing();
-    let kernel = Kernel {
-        scene: plan.scene(),
-        world: &t.world,
-        bvh: &t.bvh,
-        lights: &t.lights,
-        bounces: plan.settings().bounces,
-        beams: None,
-        landed: &[],
-        sky_guide: None,
-        cache: None,
-    };
+    let kernel = Kernel::new(plan.scene(), plan.tracing(), plan.settings().bounces);
     let map = TexelMap::build(plan.scene(), plan.atlas(), 0);
     let effort = Effort { samples: 2, small: 2, seed: 1, texel_size: plan.atlas().texels_per_metre.recip() };
     let monitor = Monitor::default();

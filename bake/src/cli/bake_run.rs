@@ -300,18 +300,7 @@ pub(crate) fn learn(plan: &Plan) -> Learnt {
 
 /// The kernel that a plan calls for, before anything is learnt.
 pub(crate) fn kernel(plan: &Plan) -> Kernel<'_> {
-    let t = plan.tracing();
-    Kernel {
-        scene: plan.scene(),
-        world: &t.world,
-        bvh: &t.bvh,
-        lights: &t.lights,
-        bounces: plan.settings().bounces,
-        beams: None,
-        landed: &[],
-        sky_guide: None,
-        cache: None,
-    }
+    Kernel::new(plan.scene(), plan.tracing(), plan.settings().bounces)
 }
 
 fn amount(sampling: &Sampling) -> String {

@@ -8,6 +8,7 @@
 use crate::geom::world::SurfacePoint;
 use crate::geom::{Bvh, Hit, Ray, World};
 use crate::light::{Beams, Lights, SkyGuide};
+use crate::plan::Tracing;
 use crate::sample::Sequence;
 use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
 use crate::scene::model::{Rgb, Scene};
@@ -122,6 +123,24 @@ impl Vertex {
 
     pub(crate) fn ray(&self, direction: Vec3A, t_max: f32) -> Ray {
         Ray { origin: self.position + self.geometric_normal * self.offset, direction, t_max }
+    }
+}
+
+impl<'a> Kernel<'a> {
+    /// The kernel before anything is learnt.
+    #[must_use]
+    pub fn new(scene: &'a Scene, tracing: &'a Tracing, bounces: Option<u32>) -> Self {
+        Self {
+            scene,
+            world: &tracing.world,
+            bvh: &tracing.bvh,
+            lights: &tracing.lights,
+            bounces,
+            beams: None,
+            landed: &[],
+            sky_guide: None,
+            cache: None,
+        }
     }
 }
 

@@ -237,6 +237,19 @@ fn small_and_degenerate_surfaces() {
     assert!((area - 1.0).abs() < 0.01, "the texel is filled: {area}");
 }
 
+/// Found by fuzzing: a scene of nothing but slivers has no chart, and the packer met an empty page.
+#[test]
+fn slivers_alone_get_no_texels() {
+    for height in [0.0, 1e-9, 1e-7, 1e-6] {
+        let mesh = quad(1.0, height);
+        for options in [fixed(10.0), fit(64)] {
+            let (atlas, findings) =
+                run(&scene(vec![(bare(mesh.clone()), vec![Affine3A::IDENTITY])]), &options);
+            assert_eq!((atlas.placements[0].is_some(), findings.len()), (false, 1), "{height}: {findings:?}");
+        }
+    }
+}
+
 #[test]
 fn a_scene_without_lit_surfaces_has_no_pages() {
     let mut scene = scene(vec![(cube(), vec![Affine3A::IDENTITY; 2])]);
