@@ -68,7 +68,7 @@ pub enum Error {
     #[error("{}", join(.0))]
     Input(Vec<Finding>),
     /// A file could not be read or written.
-    #[error("{}: {doing}: {source}", path.display())]
+    #[error("{}: {doing}: {source}{}", path.display(), remedy(source))]
     Io {
         /// The file or folder.
         path: PathBuf,
@@ -99,6 +99,21 @@ impl Error {
 impl From<Finding> for Error {
     fn from(f: Finding) -> Self {
         Self::Input(vec![f])
+    }
+}
+
+/// What helps against the system errors that users meet.
+fn remedy(source: &io::Error) -> &'static str {
+    match source.kind() {
+        io::ErrorKind::NotFound => "\n  fix: check the path; relative ones start at the current folder",
+        io::ErrorKind::PermissionDenied => "\n  fix: check the owner and rights of the file and its folder",
+        io::ErrorKind::IsADirectory | io::ErrorKind::NotADirectory => {
+            "\n  fix: check which part of the path is a file and which a folder"
+        }
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            "\n  fix: make room or write elsewhere with -o"
+        }
+        _ => "",
     }
 }
 

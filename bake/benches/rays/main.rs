@@ -48,7 +48,7 @@ fn main() -> anyhow::Result<()> {
 }
 
 fn measure(name: &str, embree: &Embree, tracing: &Tracing, n: u32) -> anyhow::Result<()> {
-    let triangles = &tracing.world.triangles;
+    let triangles = &tracing.world.triangles().collect::<Vec<_>>();
     let start = Instant::now();
     let bvh = bake::geom::Bvh::build(&tracing.world, |_| Some(bake::geom::bvh::Opacity::Opaque))?;
     let seconds = start.elapsed().as_secs_f64();

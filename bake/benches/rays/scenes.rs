@@ -128,7 +128,7 @@ struct Areas(Vec<f64>);
 impl Areas {
     fn new(world: &World) -> Self {
         let mut sum = 0.0;
-        let n = u32::try_from(world.triangles.len()).unwrap_or(u32::MAX);
+        let n = u32::try_from(world.len()).unwrap_or(u32::MAX);
         Self(
             (0..n)
                 .map(|t| {
@@ -143,7 +143,7 @@ impl Areas {
     fn point(&self, world: &World, u: [f32; 3], side: f32) -> (Vec3A, Vec3A) {
         let total = self.0.last().copied().unwrap_or(0.0);
         let t = self.0.partition_point(|&s| s < f64::from(u[0]) * total).min(self.0.len() - 1);
-        let [a, b, c] = world.triangles[t].map(Vec3A::from);
+        let [a, b, c] = world.corners(u32::try_from(t).unwrap_or(u32::MAX)).map(Vec3A::from);
         let (r, v) = (u[1].sqrt(), u[2]);
         let normal = world.geometric_normal(u32::try_from(t).unwrap_or(0));
         let normal = if side < 0.5 { normal } else { -normal };

@@ -183,6 +183,10 @@ impl Job<'_> {
                     turned: &turned,
                     luminance,
                     deadline,
+                    figure: &|map, solution| {
+                        let stats = assemble::figure(self.plan, map, solution);
+                        (stats.error().rms_std_err, stats.mean_luminance())
+                    },
                 };
                 task.solve(&settings.sampling, &baked.monitor)
             })?;
@@ -238,7 +242,7 @@ impl Job<'_> {
         let finding = Finding::warning(
             format!("page {} texel {}", first.page, first.texel),
             format!(
-                "{} samples were not finite, the first is number {}; they count as black",
+                "{} samples were not finite or beyond 1e35 nits, the first is number {}; they count as black",
                 gate.rejected, first.sample
             ),
             "look for lights or transforms with extreme values; --strict makes this an error",

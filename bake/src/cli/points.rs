@@ -55,7 +55,10 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
         pool.install(|| points::gather(&kernel, &points, until, seed, &monitor))
     })?;
     if 0 < gate.rejected {
-        say::line(&format!("warning: {} samples were not finite and count as black", gate.rejected));
+        say::line(&format!(
+            "warning: {} samples were not finite or beyond 1e35 and count as black",
+            gate.rejected
+        ));
     }
     let mut missed = 0;
     if let Some(list) = file["points"].as_array_mut() {

@@ -59,7 +59,7 @@ impl World {
     /// The material of a triangle.
     #[must_use]
     pub fn material<'a>(&self, scene: &'a Scene, triangle: u32) -> &'a Material {
-        &scene.materials[scene.surfaces[self.surface[triangle as usize] as usize].material]
+        &scene.materials[scene.surfaces[self.surface(triangle)].material]
     }
 
     /// What passes straight through at a point: 0 for opaque places, 1 for holes.

@@ -68,7 +68,7 @@ impl Emitters {
         if by_power.is_none() {
             return Self::default();
         }
-        let mut of_triangle = vec![u32::MAX; world.triangles.len()];
+        let mut of_triangle = vec![u32::MAX; world.len()];
         for (k, e) in list.iter().enumerate() {
             of_triangle[e.triangle as usize] = k as u32;
         }
@@ -156,7 +156,7 @@ impl Emitters {
 
 impl Emitter {
     fn new(scene: &Scene, world: &World, triangle: u32, both_sides: bool) -> Option<Self> {
-        let corners = world.triangles[triangle as usize].map(Vec3A::from);
+        let corners = world.corners(triangle).map(Vec3A::from);
         let normal = world.geometric_normal(triangle);
         let area = world.area(triangle);
         if normal == Vec3A::ZERO || !(0.0 < area && area.is_finite()) {

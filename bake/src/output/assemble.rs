@@ -2,9 +2,10 @@
 
 use crate::geom::texel::TexelMap;
 use crate::output::dilate::{self, Filled, NO_CHART};
-use crate::output::page::Page;
+use crate::output::page::{Page, PageStats};
 use crate::plan::Plan;
-use crate::solve::lightmap::{Solution, Validity};
+use crate::solve::lightmap::Solution;
+use crate::solve::visible::Validity;
 
 /// Rings around valid texels within which a texel that seems to lie inside a double-sided body is
 /// filled from them. Bicubic filters reach two texels; deeper ones keep their black, because a room
@@ -18,27 +19,58 @@ const BATCH: usize = 1 << 16;
 /// chart, and charts continue outwards by the plan's padding. The solution's memory is given back
 /// while the page's fills.
 #[must_use]
-pub fn page(plan: &Plan, map: TexelMap, solution: Solution) -> (Page, Filled) {
-    let (width, height) = (map.width as usize, map.height as usize);
-    let mut page = Page::new(width, height);
-    let split = plan.settings().split_direct;
-    if split {
-        page.direct = Some(vec![[0.0; 3]; width * height]);
-        page.indirect = Some(vec![[0.0; 3]; width * height]);
+pub fn page(plan: &Plan, map: TexelMap, mut solution: Solution) -> (Page, Filled) {
+    let mut sheet = Sheet::new(&map);
+    if plan.settings().split_direct {
+        let n = sheet.charts.len();
+        sheet.page.direct = Some(vec![[0.0; 3]; n]);
+        sheet.page.indirect = Some(vec![[0.0; 3]; n]);
     }
-    let mut charts = vec![NO_CHART; width * height];
-    let mut validity = vec![Validity::Valid; width * height];
-    let audit = solution.audit;
-    let mut texels = solution.texels;
-    while !texels.is_empty() {
+    while !solution.texels.is_empty() {
         // From the end, because only there can a list be shortened in place.
-        let start = texels.len().saturating_sub(BATCH);
-        for (index, texel) in texels.iter().enumerate().skip(start) {
+        let start = solution.texels.len().saturating_sub(BATCH);
+        sheet.put(plan, &map, &solution, start);
+        solution.texels.truncate(start);
+        solution.texels.shrink_to_fit();
+    }
+    drop(map);
+    let filled = sheet.fill();
+    dilate::fill_gutter(&mut sheet.page, &sheet.charts, plan.settings().padding);
+    (sheet.page, filled)
+}
+
+/// The figures that the page of a solution will have, which stays as it is.
+#[must_use]
+pub fn figure(plan: &Plan, map: &TexelMap, solution: &Solution) -> PageStats {
+    let mut sheet = Sheet::new(map);
+    sheet.put(plan, map, solution, 0);
+    sheet.fill();
+    PageStats::of(&sheet.page)
+}
+
+/// A page in the making.
+struct Sheet {
+    page: Page,
+    charts: Vec<u32>,
+    validity: Vec<Validity>,
+}
+
+impl Sheet {
+    fn new(map: &TexelMap) -> Self {
+        let (width, height) = (map.width as usize, map.height as usize);
+        let n = width * height;
+        Self { page: Page::new(width, height), charts: vec![NO_CHART; n], validity: vec![Validity::Valid; n] }
+    }
+
+    /// Enters the texels of a solution from number `start` on.
+    fn put(&mut self, plan: &Plan, map: &TexelMap, solution: &Solution, start: usize) {
+        let Self { page, charts, validity } = self;
+        for (index, texel) in solution.texels.iter().enumerate().skip(start) {
             let at = map.texels[index] as usize;
             page.radiance[at] = texel.value().to_array();
             page.coverage[at] = texel.coverage;
             #[expect(clippy::cast_possible_truncation, reason = "a factor near 1")]
-            let factor = audit.as_ref().map_or(1.0, |a| a.factor(texel)) as f32;
+            let factor = solution.factor(texel) as f32;
             page.std_err[at] = (texel.std_err() * factor).to_array();
             if let (Some(d), Some(i)) = (&mut page.direct, &mut page.indirect) {
                 d[at] = texel.direct().to_array();
@@ -47,25 +79,25 @@ pub fn page(plan: &Plan, map: TexelMap, solution: Solution) -> (Page, Filled) {
             charts[at] = map.triangles_of(index).first().map_or(NO_CHART, |&t| map.chart(plan.atlas(), t));
             validity[at] = texel.validity;
         }
-        texels.truncate(start);
-        texels.shrink_to_fit();
     }
-    drop(map);
-    let near = near_valid(&validity, &charts, width, height);
-    let valid: Vec<bool> = validity
-        .iter()
-        .zip(&near)
-        .map(|(v, near)| match v {
-            Validity::Valid => true,
-            Validity::Hidden => false,
-            Validity::Enclosed => !near,
-        })
-        .collect();
-    drop((validity, near));
-    let filled = dilate::fill_invalid(&mut page, &charts, &valid);
-    drop(valid);
-    dilate::fill_gutter(&mut page, &charts, plan.settings().padding);
-    (page, filled)
+
+    /// Gives texels that cannot be seen the light of their chart.
+    fn fill(&mut self) -> Filled {
+        let Self { page, charts, validity } = self;
+        let validity = std::mem::take(validity);
+        let near = near_valid(&validity, charts, page.width, page.height);
+        let valid: Vec<bool> = validity
+            .iter()
+            .zip(&near)
+            .map(|(v, near)| match v {
+                Validity::Valid => true,
+                Validity::Hidden => false,
+                Validity::Enclosed => !near,
+            })
+            .collect();
+        drop((validity, near));
+        dilate::fill_invalid(page, charts, &valid)
+    }
 }
 
 /// Which texels have a valid texel of their chart within [`ENCLOSED_RINGS`].

@@ -92,7 +92,7 @@ impl Viewer<'_> {
             let Some(hit) = self.kernel.closest(&ray) else {
                 return seen + left * self.kernel.lights.sky.radiance(ray.direction);
             };
-            let at = world.point(scene, hit.triangle, hit.bary);
+            let at = world.point(hit.triangle, hit.bary);
             let material = world.material(scene, hit.triangle);
             let front = ray.direction.dot(at.geometric_normal) < 0.0;
             if front || material.double_sided {
@@ -156,7 +156,7 @@ pub fn camera(plan: &Plan, kernel: &Kernel<'_>) -> Camera {
         return camera.clone();
     }
     let world = &plan.tracing().world;
-    let extent = world.triangles.iter().flatten().fold(Vec3::ZERO, |m, v| m.max(v.abs()));
+    let extent = world.triangles().flatten().fold(Vec3::ZERO, |m, v| m.max(v.abs()));
     let radius = extent.length();
     let mut best = (f32::NEG_INFINITY, Vec3::ZERO, Vec3::NEG_Z);
     for i in 0..192u32 {
@@ -202,7 +202,7 @@ fn score(plan: &Plan, kernel: &Kernel<'_>, eye: Vec3, forward: Vec3, size: f32) 
             let d = forward + right * (f32::from(i) / f32::from(n)) + up * (f32::from(j) / f32::from(n));
             let ray = Ray { origin: eye.into(), direction: Vec3A::from(d.normalize()), t_max: f32::INFINITY };
             if let Some(hit) = kernel.closest(&ray) {
-                let at = world.point(plan.scene(), hit.triangle, hit.bary);
+                let at = world.point(hit.triangle, hit.bary);
                 let double = world.material(plan.scene(), hit.triangle).double_sided;
                 let front = ray.direction.dot(at.geometric_normal) < 0.0;
                 let (surface, _) = world.locate(hit.triangle);

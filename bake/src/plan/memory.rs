@@ -8,6 +8,8 @@
 use super::Plan;
 use crate::geom::atlas::{Atlas, Layout, NO_CHART};
 use crate::geom::cells;
+use crate::geom::world::World;
+use crate::plan::settings::Sampling;
 use crate::scene::document::Document;
 use crate::scene::model::{Image, Mesh};
 use glam::Vec2;
@@ -47,10 +49,10 @@ const PROGRAM: u64 = 10 << 20;
 /// the system.
 const UNWRAP_PER_VERTEX: u64 = 200;
 
-/// Bytes a triangle while the tree is built: placed corners and surface (40), identity (8), boxes (32), two
+/// Bytes a triangle while the tree is built: the placed triangle (64), identity (8), boxes (32), two
 /// lists of clusters (2 x 48), Morton codes (32), nodes (96), indices (8); and what the allocator keeps
 /// beside, measured: 302 to 376 in all on scenes of 262,000 to a million triangles.
-const BUILD_PER_TRIANGLE: u64 = 40 + 8 + 32 + 96 + 32 + 96 + 8 + 60;
+const BUILD_PER_TRIANGLE: u64 = 64 + 8 + 32 + 96 + 32 + 96 + 8 + 60;
 
 /// Bytes of the texel map for each covered texel: the texel and where its triangles start. Each
 /// triangle in it takes [`PER_ENTRY`] more, and each triangle on the page [`PER_CORNERS`].
@@ -93,6 +95,9 @@ const PER_BORDER: u64 = 116;
 /// Pixels of a preview image and their compressed form, per texel.
 const PER_TEXEL_IMAGE: u64 = 6;
 
+/// Beams that the texels share, where there are suns or lamps.
+pub(crate) const SHARED_BEAMS: u64 = (1 << 14) * 80;
+
 /// A cell of the irradiance cache in its hash table, and the lists of cells while it is filled.
 const PER_CACHE_CELL: u64 = 96;
 
@@ -123,17 +128,21 @@ impl Memory {
         let meshes: u64 = scene.meshes.iter().map(mesh_bytes).sum();
         let images: u64 = scene.images.iter().map(|i: &Image| 4 * i.pixels.len() as u64).sum();
         let tracing = plan.tracing();
-        let triangles = tracing.world.triangles.len() as u64;
+        let triangles = tracing.world.len() as u64;
         let split = if plan.settings().split_direct { PER_TEXEL_SPLIT } else { 0 };
         let per_texel = PER_TEXEL + split;
+        let targeted = matches!(plan.settings().sampling, Sampling::Target(_));
         let unwrapped = atlas.layouts.iter().filter(|l| !l.kept);
         let layouts: u64 = atlas.layouts.iter().map(layout_bytes).sum();
 
         let (find, filled) = if plan.settings().caches() { cache_bytes(plan) } else { (0, 0) };
-        let (mut kept, mut gather, mut write) = (filled, 0, 0);
+        let (mut kept, mut gather, mut write) = (filled + SHARED_BEAMS, 0, 0);
         for load in page_loads(atlas) {
             let map = PER_LISTED * load.covered + PER_ENTRY * load.entries + PER_CORNERS * load.triangles;
             let planned = PER_COVERED_PLANNED * load.covered + PER_TEXEL_PLANNED * load.texels;
+            // A target is measured on the page as it would be written.
+            let figure = if targeted { (PER_TEXEL + PER_TEXEL_FLAGS) * load.texels } else { 0 };
+            let planned = planned.max(figure);
             let solved = map + PER_SOLVED * load.covered + planned;
             let assembled = map + (per_texel + PER_TEXEL_FLAGS) * load.texels;
             let dilated = (per_texel + PER_TEXEL_DILATED) * load.texels + PER_BORDER * load.border;
@@ -152,7 +161,7 @@ impl Memory {
             scene: document + meshes + images,
             unwrap: UNWRAP_PER_VERTEX * unwrapped.map(|l| l.vertices.len() as u64).sum::<u64>(),
             atlas: layouts,
-            tracing: (40 * triangles) + tracing.bvh.bytes() as u64,
+            tracing: (World::BYTES as u64 * triangles) + tracing.bvh.bytes() as u64,
             build: BUILD_PER_TRIANGLE * triangles,
             cache: find,
             gather,

@@ -49,7 +49,7 @@ impl Tracing {
     pub fn new(scene: &Scene) -> Result<Self, Error> {
         let world = World::new(scene);
         let bvh = Bvh::build(&world, |t| {
-            let surface = world.surface[t as usize] as usize;
+            let surface = world.surface(t);
             scene.surfaces[surface].casts_shadow.then(|| opacity(scene, surface))
         })?;
         let lights = Lights::new(scene, &world);

@@ -48,10 +48,10 @@ impl TextureRef {
     fn filter(&self, image: &Image, uv: Vec2, texel: fn(&Image, u32, u32) -> Vec4) -> Vec4 {
         let h = uv.extend(1.0);
         let p = Vec2::new(self.transform[0].dot(h), self.transform[1].dot(h));
-        if !p.is_finite() || image.pixels.is_empty() {
+        let (w, h) = (image.width, image.height);
+        if !(p * Vec2::new(w as f32, h as f32)).is_finite() || image.pixels.is_empty() {
             return Vec4::ONE;
         }
-        let (w, h) = (image.width, image.height);
         if self.nearest {
             let x = wrap((p.x * w as f32).floor() as i64, w, self.wrap[0]);
             let y = wrap((p.y * h as f32).floor() as i64, h, self.wrap[1]);
@@ -60,8 +60,8 @@ impl TextureRef {
         let (fx, fy) = (p.x * w as f32 - 0.5, p.y * h as f32 - 0.5);
         let (x0, y0) = (fx.floor(), fy.floor());
         let (ax, ay) = (fx - x0, fy - y0);
-        let xs = [0, 1].map(|k| wrap(x0 as i64 + k, w, self.wrap[0]));
-        let ys = [0, 1].map(|k| wrap(y0 as i64 + k, h, self.wrap[1]));
+        let xs = [0, 1].map(|k| wrap((x0 as i64).saturating_add(k), w, self.wrap[0]));
+        let ys = [0, 1].map(|k| wrap((y0 as i64).saturating_add(k), h, self.wrap[1]));
         let row = |y| texel(image, xs[0], y) * (1.0 - ax) + texel(image, xs[1], y) * ax;
         row(ys[0]) * (1.0 - ay) + row(ys[1]) * ay
     }
@@ -92,6 +92,20 @@ mod tests {
 
     fn texture(wrap: Wrap, nearest: bool) -> TextureRef {
         TextureRef { image: 0, uv_set: 0, transform: [Vec3::X, Vec3::Y], wrap: [wrap; 2], nearest }
+    }
+
+    /// Coordinates beyond any sense still name a colour of the image or none.
+    #[test]
+    fn far_coordinates_give_a_colour() {
+        let s = scene();
+        for wrap in [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror] {
+            for nearest in [false, true] {
+                for x in [1e19, -1e19, f32::MAX, f32::MIN, 1e10, f32::INFINITY, f32::NAN] {
+                    let c = texture(wrap, nearest).color(&s, Vec2::new(x, 0.25));
+                    assert!(c.cmpge(Vec4::ZERO).all() && c.cmple(Vec4::ONE).all(), "{x}: {c}");
+                }
+            }
+        }
     }
 
     #[test]

@@ -51,7 +51,7 @@ pub struct Rejected {
     pub sample: u32,
 }
 
-/// Counts samples that are not finite, which are left out, and remembers the first one.
+/// Counts samples that are not finite or absurdly bright, which are left out, and remembers the first one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Gate {
     /// How many were rejected.
@@ -60,11 +60,14 @@ pub struct Gate {
     pub first: Option<Rejected>,
 }
 
+/// Samples beyond this, nits, would make sums of layers or their squares overflow; a sun's disc has 2e9.
+const BRIGHTEST: f32 = 1e35;
+
 impl Gate {
-    /// Lets a finite colour through and turns anything else into black, counted.
+    /// Lets a finite colour up to [`BRIGHTEST`] through and turns anything else into black, counted.
     #[must_use]
     pub fn admit(&mut self, colour: Rgb, at: Rejected) -> Rgb {
-        if colour.is_finite() {
+        if colour.abs().max_element() <= BRIGHTEST && !colour.is_nan() {
             return colour;
         }
         self.rejected += 1;
@@ -123,6 +126,7 @@ mod tests {
         assert_eq!(g.admit(Vec3::ONE, at(0)), Vec3::ONE);
         assert_eq!(g.admit(Vec3::new(1.0, f32::NAN, 0.0), at(1)), Vec3::ZERO);
         assert_eq!(g.admit(Vec3::splat(f32::INFINITY), at(2)), Vec3::ZERO);
-        assert_eq!(g, Gate { rejected: 2, first: Some(at(1)) });
+        assert_eq!(g.admit(Vec3::new(0.0, 0.0, 3e38), at(3)), Vec3::ZERO);
+        assert_eq!(g, Gate { rejected: 3, first: Some(at(1)) });
     }
 }

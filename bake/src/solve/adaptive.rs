@@ -9,7 +9,8 @@
 
 use crate::geom::texel::TexelMap;
 use crate::geom::world::luminance;
-use crate::solve::lightmap::{Gathered, More, Solution, Texel, Validity};
+use crate::solve::lightmap::{Gathered, More, Solution, Texel};
+use crate::solve::visible::Validity;
 
 /// Paths that a texel gets in one round are multiples of this.
 const UNIT: u32 = 4;

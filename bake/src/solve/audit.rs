@@ -11,7 +11,8 @@ use crate::geom::texel::{TexelMap, TexelSampler};
 use crate::geom::world::luminance;
 use crate::sample::sequence::mix64;
 use crate::solve::Monitor;
-use crate::solve::lightmap::{self, Texel, Validity};
+use crate::solve::lightmap::{self, Texel};
+use crate::solve::visible::Validity;
 use crate::transport::Kernel;
 use rayon::prelude::*;
 use tables::num::moments::Moments;
@@ -47,7 +48,7 @@ const PERCENT: usize = 96;
 const WIDTH: f64 = 1.96;
 
 /// Range of the factor. Further off, a handful of texels would decide.
-const RANGE: [f64; 2] = [0.4, 4.0];
+const RANGE: [f64; 2] = [0.25, 4.0];
 
 /// Result of an audit.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -222,7 +222,7 @@ fn gather(kernel: &Kernel<'_>, points: &[Point], n: u32, key: u64, values: &mut 
 
 fn vertex(kernel: &Kernel<'_>, p: &Point) -> Vertex {
     let bary = [p.bary[0], p.bary[1], 1.0 - p.bary[0] - p.bary[1]];
-    let at = kernel.world.point(kernel.scene, p.triangle, bary);
+    let at = kernel.world.point(p.triangle, bary);
     let front = Vertex::front(&at);
     debug_assert!(at.geometric_normal != Vec3A::ZERO, "rays do not hit triangles without area");
     if p.front { front } else { front.turned() }

@@ -4,15 +4,14 @@ use crate::error::Error;
 use crate::geom::atlas::Atlas;
 use crate::geom::texel::{TexelMap, TexelSampler};
 use crate::geom::world::luminance;
-use crate::light::Beams;
 use crate::sample::{Sequence, sequence};
 use crate::scene::model::Rgb;
 use crate::solve::accumulate::{Gate, Rejected, mean_and_error};
 use crate::solve::audit::Audit;
 use crate::solve::monitor::{ErrorSums, Monitor};
-use crate::transport::path::First;
+use crate::solve::visible::{Cells, Side, Validity, Visible, cell_index, receiver};
 use crate::transport::{Estimate, Kernel, Vertex};
-use glam::{Vec3, Vec3A};
+use glam::Vec3;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -29,8 +28,8 @@ const CHUNKS: usize = 16;
 /// Random numbers of lightmaps belong to this domain and the page; see [`sequence::key`].
 const DOMAIN: u64 = 0x4c4d;
 
-/// Those of the rays that look around from a texel.
-const PROBE: u64 = 0x4c50;
+/// Those of the paths that tell whether a texel is dark.
+const DARKNESS: u64 = 0x444b;
 
 /// Those of suns and lamps, which are gathered apart.
 ///
@@ -119,18 +118,6 @@ impl Texel {
         let (a, b) = (self.small.std_err, self.paths.std_err);
         (a * a + b * b).map(f32::sqrt)
     }
-}
-
-/// Whether a texel lies in the open or inside other geometry.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Validity {
-    /// In the open, at least in part; hidden parts are left out of the mean.
-    #[default]
-    Valid,
-    /// Wholly behind the back of a one-sided surface.
-    Hidden,
-    /// Black, and nothing but backs of double-sided surfaces around it: probably the inside of a body.
-    Enclosed,
 }
 
 /// How much is gathered, and how.
@@ -367,37 +354,55 @@ enum Kind {
 
 fn texel(mut at: Place<'_>, crack: f32, n: [u32; 2], scratch: &mut Vec<Sample>, tally: &mut Tally) -> Texel {
     let coverage = at.sampler.coverage();
-    let mut visible = probe(&at, crack, tally);
-    (at.cells, at.open) = (visible.cells, visible.open);
-    let mut texel = all(&at, n, scratch, tally);
-    if at.side == Side::Front && is_dark(&texel) && !scratch.is_empty() {
-        // Few paths that bring nothing prove little, so some more are asked before a texel is dark.
-        let more = at.gather(Kind::Path, n[1]..n[1].max(DARK), tally).all(|s| is_black(&s))
-            && at.gather(Kind::Small, n[0]..n[0].max(DARK), tally).all(|s| is_black(&s));
-        if more {
-            // A sheet that shows its back to the room, as many files have them: where it is double-sided and
-            // no light reaches its front, the light of its back is what anybody will see.
-            let mut back = Place { side: Side::BackOfDoubleSided, ..at };
-            let seen = probe(&back, crack, tally);
-            (back.cells, back.open) = (seen.cells, seen.open);
-            let other = all(&back, n, scratch, tally);
-            if !is_dark(&other) {
-                (visible, at, texel) = (seen, back, other);
-            }
+    let mut visible = look_around(&mut at, crack, tally);
+    let mut dark = (visible.inside || at.can_turn()) && is_dark(&at, tally);
+    if dark && at.can_turn() {
+        // A sheet that shows its back to the room, as many files have them: where it is double-sided and
+        // no light reaches its front, the light of its back is what anybody will see.
+        let mut back = Place { side: Side::BackOfDoubleSided, ..at };
+        let seen = look_around(&mut back, crack, tally);
+        if !is_dark(&back, tally) {
+            (visible, at, dark) = (seen, back, false);
         }
     }
+    let texel = all(&at, n, scratch, tally);
     if texel.paths.samples == 0 {
         // The triangle has no area in the world: there is nothing to light.
         return Texel { coverage, validity: Validity::Hidden, ..Texel::default() };
     }
     let validity = match visible.validity {
         // Only what is dark can be the inside of a body: light finds its way under a tent.
-        Validity::Valid if visible.inside && is_dark(&texel) => Validity::Enclosed,
-        Validity::Enclosed if !is_dark(&texel) => Validity::Valid,
+        Validity::Valid if visible.inside && dark => Validity::Enclosed,
+        Validity::Enclosed if !dark => Validity::Valid,
         validity => validity,
     };
     Texel { coverage, validity, cells: at.cells, side: at.side, open: at.open, ..texel }
 }
+
+/// Finds out which parts of a texel are hidden, and enters it.
+fn look_around(at: &mut Place<'_>, crack: f32, tally: &mut Tally) -> Visible {
+    let visible = Visible::find(at.kernel, at.sampler, at.side, (at.id.page, at.id.texel), crack);
+    (at.cells, at.open) = (visible.cells, visible.open);
+    tally.looks += visible.rays;
+    visible
+}
+
+/// Whether none of [`DARK`] paths finds light. They are the same whatever the seed and the number of samples, so that
+/// these do not decide which side of a surface counts; where there is light, the first of them mostly finds it.
+fn is_dark(at: &Place<'_>, tally: &mut Tally) -> bool {
+    let key = sequence::key(0, DARKNESS + at.id.page as u64, u64::from(at.id.texel));
+    (0..DARK).all(|i| {
+        let mut sequence = Sequence::new(key, i);
+        let [a, b, c, d] = sequence.next4();
+        let Some(vertex) = at.vertex([a, b]) else { return true };
+        let e = at.kernel.estimate(&vertex, [c, d], &mut sequence);
+        tally.looks += u64::from(e.rays);
+        e.direct + e.indirect == Vec3::ZERO
+    })
+}
+
+/// Paths that have to bring nothing before a texel counts as dark.
+const DARK: u32 = 64;
 
 /// The light of a texel from so many samples of suns and lamps and so many paths.
 fn all(at: &Place<'_>, [small, paths]: [u32; 2], scratch: &mut Vec<Sample>, tally: &mut Tally) -> Texel {
@@ -428,6 +433,21 @@ fn add(at: &Place<'_>, kind: Kind, n: u32, texel: &mut Texel, scratch: &mut Vec<
 }
 
 impl Place<'_> {
+    /// The point of the texel that `u` chooses; `None` where it is hidden or has no area.
+    fn vertex(&self, u: [f32; 2]) -> Option<Vertex> {
+        let on = self.sampler.sample(u);
+        if !self.cells[cell_index(on.uv.to_array())] {
+            return None;
+        }
+        receiver(self.kernel, on.triangle, on.bary, self.side)
+    }
+
+    /// Whether the texel may show its back instead of its front.
+    fn can_turn(&self) -> bool {
+        let on = self.sampler.sample([0.5; 2]);
+        self.side == Side::Front && self.kernel.world.material(self.kernel.scene, on.triangle).double_sided
+    }
+
     /// Samples of the given numbers; those that fall on hidden parts of the texel are left out.
     fn gather(&self, kind: Kind, numbers: Range<u32>, tally: &mut Tally) -> impl Iterator<Item = Sample> {
         let Id { page, texel, seed } = self.id;
@@ -439,11 +459,7 @@ impl Place<'_> {
         numbers.filter_map(move |i| {
             let mut sequence = Sequence::new(key, i);
             let [a, b, c, d] = sequence.next4();
-            let on = self.sampler.sample([a, b]);
-            if !self.cells[cell_index(on.uv.to_array())] {
-                return None;
-            }
-            let vertex = receiver(self.kernel, on.triangle, on.bary, self.side)?;
+            let vertex = self.vertex([a, b])?;
             let mut e = Estimate::default();
             match kind {
                 Kind::Small => e.direct = self.kernel.small(&vertex, &mut sequence, &mut e.rays),
@@ -540,193 +556,13 @@ pub fn refine_page(
     Ok(())
 }
 
-fn is_black(s: &Sample) -> bool {
-    s.direct + s.indirect == Vec3::ZERO
-}
-
-/// No sample found light. Samples are not negative, so their mean says it.
-fn is_dark(t: &Texel) -> bool {
-    t.small.mean + t.paths.mean == Vec3::ZERO
-}
-
-/// Paths that have to bring nothing before a texel counts as dark.
-const DARK: u32 = 64;
-
-/// Which side of a surface is gathered.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) enum Side {
-    #[default]
-    Front,
-    BackOfDoubleSided,
-}
-
-/// The point on a side of a surface from which rays start; `None` where it has no area, or where the
-/// back is asked for and the surface has none.
-pub(super) fn receiver(kernel: &Kernel<'_>, triangle: u32, bary: [f32; 3], side: Side) -> Option<Vertex> {
-    let at = kernel.world.point(kernel.scene, triangle, bary);
-    if at.geometric_normal == Vec3A::ZERO {
-        return None;
-    }
-    let front = Vertex::front(&at);
-    match side {
-        Side::Front => {
-            Some(Vertex { position: kernel.world.lifted(kernel.scene, triangle, bary, &at), ..front })
-        }
-        Side::BackOfDoubleSided => {
-            kernel.world.material(kernel.scene, triangle).double_sided.then(|| front.turned())
-        }
-    }
-}
-
-/// Rays that look around from each texel before it is gathered. If one of them meets a back, the
-/// second number of rays tells which parts of the texel are hidden.
-const LOOKS: [u32; 2] = [8, 64];
-
-/// Cells along a texel's side among which hidden parts are told apart: 16 rays to each.
-const SIDE: usize = 2;
-
-/// Which cells lie in the open.
-type Cells = [bool; SIDE * SIDE];
-
-/// Which parts of a texel lie in the open.
-struct Visible {
-    cells: Cells,
-    validity: Validity,
-    /// Every ray met a back, nothing, or a front across a crack, and some did not meet nothing: there
-    /// is a body around.
-    inside: bool,
-    /// See [`Vertex::open`].
-    open: bool,
-}
-
-/// Looks around from a texel, to find parts that lie inside other geometry. The rays are the same
-/// whatever the seed and the number of samples, so that these do not decide which texels count.
-///
-/// A cell is hidden if more than half of its rays meet the back of a one-sided surface, or if all of
-/// them meet backs. Backs here and there are ordinary: one-sided surfaces are black from behind and
-/// stay in the mean. If every cell is hidden, all stay and the texel says so.
-fn probe(at: &Place<'_>, crack: f32, tally: &mut Tally) -> Visible {
-    let kernel = at.kernel;
-    let key = sequence::key(0, PROBE + at.id.page as u64, u64::from(at.id.texel));
-    let mut cells = [Cell::default(); SIDE * SIDE];
-    let mut void = true;
-    let mut near = false;
-    let (mut all, mut backs, mut nothing, mut sky) = (0, 0, 0, 0.0);
-    let mut from = 0;
-    for until in LOOKS {
-        for i in from..until {
-            let [a, b, c, d] = Sequence::new(key, i).next4();
-            let on = at.sampler.sample([a, b]);
-            let Some(vertex) = receiver(kernel, on.triangle, on.bary, at.side) else { continue };
-            tally.looks += 1;
-            let (first, distance, wi) = kernel.look(&vertex, [c, d]);
-            let cell = &mut cells[cell_index(on.uv.to_array())];
-            cell.all += 1;
-            cell.one_sided += u32::from(first == First::Back);
-            let back = matches!(first, First::Back | First::DoubleSidedBack);
-            cell.back += u32::from(back);
-            all += 1;
-            backs += u32::from(back);
-            if first == First::Nothing {
-                nothing += 1;
-                sky += luminance(kernel.lights.sky.radiance(wi));
-            }
-            let crack = first == First::Front && distance < crack;
-            void &= first != First::Front || crack;
-            near |= back || crack;
-        }
-        from = until;
-        if backs == 0 {
-            break;
-        }
-    }
-    let reflected = kernel.beams.map_or(0.0, Beams::reflected);
-    let open = kernel.sky_guide.is_some()
-        && OPEN * all <= nothing * 100
-        && reflected * f64::from(all) < f64::from(sky);
-    Visible { open, ..Visible::new(&cells, void, near) }
-}
-
-/// A texel is in the open if this part of its looks meets the sky, percent, and the sky brings more than
-/// the beams do to the average place.
-const OPEN: u32 = 25;
-
-impl Visible {
-    fn new(cells: &[Cell; SIDE * SIDE], void: bool, near: bool) -> Self {
-        let states = cells.map(|c| c.validity());
-        let any = |v| cells.iter().zip(states).any(|(c, s)| 0 < c.all && s == v);
-        let validity = if any(Validity::Valid) {
-            Validity::Valid
-        } else if any(Validity::Enclosed) {
-            Validity::Enclosed
-        } else {
-            Validity::Hidden
-        };
-        let all = validity != Validity::Valid;
-        Self {
-            cells: states.map(|s| all || s == Validity::Valid),
-            validity,
-            inside: void && near,
-            open: false,
-        }
-    }
-}
-
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the grid")]
-fn cell_index(place: [f32; 2]) -> usize {
-    let k = |x: f32| ((x * SIDE as f32).max(0.0) as usize).min(SIDE - 1);
-    k(place[1]) * SIDE + k(place[0])
-}
-
-/// What the rays from one part of a texel met.
-#[derive(Clone, Copy, Default)]
-struct Cell {
-    all: u32,
-    one_sided: u32,
-    back: u32,
-}
-
-impl Cell {
-    fn validity(&self) -> Validity {
-        if self.all < 2 * self.one_sided {
-            Validity::Hidden
-        } else if self.back == self.all && 0 < self.all {
-            Validity::Enclosed
-        } else {
-            Validity::Valid
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn cell(all: u32, one_sided: u32, double_sided: u32) -> Cell {
-        Cell { all, one_sided, back: one_sided + double_sided }
-    }
-
-    #[test]
-    fn the_part_under_another_body_is_left_out() {
-        for hidden in [cell(16, 16, 0), cell(16, 9, 0), cell(16, 0, 16)] {
-            let v = Visible::new(&[hidden, cell(16, 0, 0), hidden, cell(16, 3, 0)], false, true);
-            assert_eq!(v.validity, Validity::Valid);
-            assert_eq!(v.cells, [false, true, false, true]);
-            assert_eq!([cell_index([0.2, 0.2]), cell_index([0.9, 0.2])], [0, 1]);
-        }
-    }
 
     /// The plan states memory without knowing this module.
     #[test]
     fn the_plan_knows_the_size_of_a_texel() {
         assert_eq!(size_of::<Texel>() as u64, crate::plan::memory::PER_SOLVED);
-    }
-
-    #[test]
-    fn wholly_hidden_texels_say_so() {
-        let all = |c| Visible::new(&[c, c, c, Cell::default()], true, true);
-        assert_eq!(all(cell(16, 16, 0)).validity, Validity::Hidden);
-        assert_eq!(all(cell(16, 0, 16)).validity, Validity::Enclosed);
-        assert!(all(cell(16, 16, 0)).cells.iter().all(|c| *c), "all stay where none is better");
     }
 }

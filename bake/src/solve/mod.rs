@@ -10,5 +10,6 @@ pub mod monitor;
 pub mod pilot;
 pub mod points;
 pub mod schedule;
+pub mod visible;
 
 pub use monitor::Monitor;

@@ -118,10 +118,9 @@ fn sky_guide(kernel: &Kernel<'_>, receivers: &[Vertex], seed: u64) -> Option<Sky
     }
     let world = kernel.world;
     let (lo, hi) = world
-        .triangles
-        .iter()
+        .triangles()
         .flatten()
-        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), v| (lo.min(*v), hi.max(*v)));
+        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), v| (lo.min(v), hi.max(v)));
     let regions = Regions::new(lo, hi)?;
     let mut lookouts = vec![Vec::new(); regions.len()];
     for r in receivers {
@@ -188,9 +187,9 @@ pub fn receivers(kernel: &Kernel<'_>, wanted: impl Fn(usize) -> bool, seed: u64)
     let world = kernel.world;
     #[expect(clippy::cast_possible_truncation, reason = "fewer than 2^32 triangles")]
     let area = |t: usize| {
-        if wanted(world.surface[t] as usize) { f64::from(world.area(t as u32)) } else { 0.0 }
+        if wanted(world.surface(t as u32)) { f64::from(world.area(t as u32)) } else { 0.0 }
     };
-    let Some(cdf) = crate::sample::discrete::Cdf::new((0..world.triangles.len()).map(area)) else {
+    let Some(cdf) = crate::sample::discrete::Cdf::new((0..world.len()).map(area)) else {
         return Vec::new();
     };
     (0..RECEIVER_POINTS)
@@ -199,8 +198,20 @@ pub fn receivers(kernel: &Kernel<'_>, wanted: impl Fn(usize) -> bool, seed: u64)
             let (t, _) = cdf.sample(u[0]);
             let bary = crate::sample::warp::square_to_triangle([u[1], u[2]]);
             #[expect(clippy::cast_possible_truncation, reason = "fewer than 2^32 triangles")]
-            let at = world.point(kernel.scene, t as u32, bary);
+            let at = world.point(t as u32, bary);
             (at.geometric_normal != Vec3A::ZERO).then(|| Vertex::front(&at))
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The plan states memory without knowing this module.
+    #[test]
+    fn the_plan_knows_the_size_of_shared_beams() {
+        let bytes = u64::from(LANDED) * size_of::<Option<LightVertex>>() as u64;
+        assert_eq!(bytes, crate::plan::memory::SHARED_BEAMS);
+    }
 }

@@ -87,7 +87,7 @@ pub fn place(kernel: &Kernel<'_>, position: Vec3, normal: Vec3) -> Vertex {
     let own = offset_distance(p.abs().max_element());
     let offset = match kernel.closest(&back) {
         Some(hit) => {
-            let at = kernel.world.point(kernel.scene, hit.triangle, hit.bary);
+            let at = kernel.world.point(hit.triangle, hit.bary);
             if (hit.t - reach).abs() <= 2.0 * (at.offset + own) { at.offset.max(own) } else { own }
         }
         None => own,

@@ -18,12 +18,15 @@ const FIRST: u32 = 8;
 /// Paths in the first round where their number is not given.
 const LEARN: u32 = 16;
 
-/// Rounds towards an error at most. Each may triple the paths, so the limit on paths ends it before.
+/// Rounds towards an error at most. Each may double the paths, so the limit on paths ends it before.
 const ROUNDS: u32 = 64;
 
-/// A round towards an error has at most this many times the paths before it: what is known of the
-/// variance is not trusted further.
-const GROWTH: f64 = 3.0;
+/// A round towards an error leaves at most this many times the paths before it: what is known of the
+/// variance, and of how far stated errors hold, is not trusted further.
+const GROWTH: f64 = 2.0;
+
+/// An audit is too old when a page has so many times the samples of then.
+const LATE: f64 = 1.5;
 
 /// Rounds towards an error aim a little below it, because the error that is then measured scatters.
 const AIM: f64 = 0.99;
@@ -35,7 +38,7 @@ const LOOKED_AT: usize = 4096;
 const PARTS: [f64; 3] = [0.3, 0.6, 1.0];
 
 /// A page and what is known before it is solved.
-#[derive(Debug)]
+#[expect(missing_debug_implementations, reason = "a function has no text")]
 pub struct Task<'a> {
     /// Everything a path needs.
     pub kernel: &'a Kernel<'a>,
@@ -55,6 +58,9 @@ pub struct Task<'a> {
     pub luminance: Option<f64>,
     /// When sampling has to end, for [`Sampling::Budget`].
     pub deadline: Instant,
+    /// The page's root mean squared standard error and mean luminance, nits, as the manifest will state them:
+    /// what [`Sampling::Target`] is measured by.
+    pub figure: &'a (dyn Fn(&TexelMap, &Solution) -> (f64, f64) + Sync),
 }
 
 impl Task<'_> {
@@ -65,6 +71,7 @@ impl Task<'_> {
     /// [`Error::Interrupted`] when the monitor asks to stop.
     pub fn solve(&self, sampling: &Sampling, monitor: &Monitor) -> Result<Solution, Error> {
         let mut solution = match sampling {
+            Sampling::Target(relative) => return self.target(f64::from(*relative), monitor),
             Sampling::Exact(n) => self.first(*n, *n, monitor),
             Sampling::Mean(n) => {
                 let n = *n as f32;
@@ -76,7 +83,6 @@ impl Task<'_> {
                 let list = pages.get(self.page).or(pages.last());
                 self.rounds(list.map_or(&[], Vec::as_slice), monitor)
             }
-            Sampling::Target(relative) => self.target(f64::from(*relative), monitor),
             Sampling::Budget(_) => self.budget(monitor),
         }?;
         self.audit(&mut solution, monitor)?;
@@ -129,6 +135,7 @@ impl Task<'_> {
         Ok(round.total)
     }
 
+    /// Rounds until the page's figure is low enough; the last thing done is an audit.
     fn target(&self, relative: f64, monitor: &Monitor) -> Result<Solution, Error> {
         let n = self.map.texels.len() as f64;
         expect(monitor, n * f64::from(LEARN));
@@ -136,13 +143,13 @@ impl Task<'_> {
         self.audit(&mut solution, monitor)?;
         let mut audited = solution.spent();
         for _ in 0..ROUNDS {
-            let (mut error, mean) = adaptive::error(&solution);
+            let (mut error, mean) = (self.figure)(self.map, &solution);
             let goal = relative * self.luminance.unwrap_or(mean);
-            if error <= goal && audited < solution.spent() {
+            if LATE * audited < solution.spent() || (error <= goal && audited < solution.spent()) {
                 // More samples may be better stratified, or the cache's part in the error greater.
                 self.audit(&mut solution, monitor)?;
                 audited = solution.spent();
-                (error, _) = adaptive::error(&solution);
+                (error, _) = (self.figure)(self.map, &solution);
             }
             if error <= goal {
                 break;
@@ -152,10 +159,13 @@ impl Task<'_> {
             let wanted = adaptive::plan(self.map, &solution, Goal::Error(aim)).total;
             expect(monitor, spent + wanted);
             let growth = GROWTH * spent;
-            let goal = if growth < wanted { Goal::Mean(growth / n) } else { Goal::Error(aim) };
+            let goal = if growth < spent + wanted { Goal::Mean(growth / n) } else { Goal::Error(aim) };
             if self.round(goal, &mut solution, monitor)? <= 0.0 {
                 break;
             }
+        }
+        if audited < solution.spent() {
+            self.audit(&mut solution, monitor)?;
         }
         Ok(solution)
     }

@@ -147,7 +147,7 @@ impl Kernel<'_> {
         if emission == Vec3::ZERO {
             return Vec3::ZERO;
         }
-        let at = self.world.point(self.scene, s.triangle, s.bary);
+        let at = self.world.point(s.triangle, s.bary);
         let seen = self.transmittance(vertex, s.wi, s.distance - 2.0 * at.offset, rays);
         let weight = 1.0 / (s.pdf_solid_angle + cos_hemisphere_pdf(cos));
         emission * seen * (cos * FRAC_1_PI * weight)

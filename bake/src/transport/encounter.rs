@@ -32,7 +32,7 @@ pub(crate) enum Onward {
 
 impl Kernel<'_> {
     pub(crate) fn encounter(&self, hit: &Hit, direction: Vec3A) -> Encounter {
-        let at = self.world.point(self.scene, hit.triangle, hit.bary);
+        let at = self.world.point(hit.triangle, hit.bary);
         let shade = self.world.shade(self.scene, hit.triangle, hit.bary);
         let front = direction.dot(at.geometric_normal) < 0.0;
         let material = self.world.material(self.scene, hit.triangle);

@@ -38,8 +38,8 @@ fn bounds(corners: &[glam::Vec3; 3]) -> Aabb {
 #[expect(clippy::cast_possible_truncation, reason = "the loader admits fewer than 2^32 triangles")]
 pub(super) fn build(world: &World, take: impl Fn(u32) -> Option<Opacity>) -> Result<Bvh, Error> {
     let mut bvh = Bvh { blocks: vec![Block::empty()], asking: vec![0], ..Bvh::default() };
-    let mut triangles = Vec::with_capacity(world.triangles.len());
-    for (i, v) in world.triangles.iter().enumerate() {
+    let mut triangles = Vec::with_capacity(world.len());
+    for (i, v) in world.triangles().enumerate() {
         let i = i as u32;
         if let Some(opacity) = take(i)
             && v.iter().all(|p| p.is_finite())
@@ -51,8 +51,7 @@ pub(super) fn build(world: &World, take: impl Fn(u32) -> Option<Opacity>) -> Res
     if triangles.is_empty() {
         return Ok(bvh);
     }
-    let boxed =
-        || triangles.iter().map(|t| Boxed(bounds(&world.triangles[t.0 as usize]))).collect::<Vec<_>>();
+    let boxed = || triangles.iter().map(|t| Boxed(bounds(&world.corners(t.0)))).collect::<Vec<_>>();
     let mut tree = binary(&boxed());
     let areas: Vec<f32> = triangles.iter().map(|t| world.area(t.0)).collect();
     // About what will be needed: growing would copy them.
@@ -295,7 +294,7 @@ impl Emit<'_> {
         triangles.sort_unstable();
         let (mut block, mut asking) = (Block::empty(), 0);
         for (lane, &(triangle, asks)) in triangles.iter().enumerate() {
-            block.set(lane, &self.world.triangles[triangle as usize], triangle);
+            block.set(lane, &self.world.corners(triangle), triangle);
             asking |= u8::from(asks) << lane;
         }
         self.bvh.blocks.push(block);

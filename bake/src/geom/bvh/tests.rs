@@ -61,8 +61,8 @@ fn tree_equals_linear_scan() {
         for ray in random_rays(2000) {
             let exact = WatertightRay::new(&ray);
             let mut want: Option<Hit> = None;
-            for (i, v) in w.triangles.iter().enumerate() {
-                if let Some((t, bary)) = exact.intersect(v, ray.t_max)
+            for (i, v) in w.triangles().enumerate() {
+                if let Some((t, bary)) = exact.intersect(&v, ray.t_max)
                     && want.is_none_or(|h| t < h.t)
                 {
                     want = Some(Hit { t, triangle: i as u32, bary });
@@ -131,8 +131,8 @@ fn poisoned_input_neither_hangs_nor_hits() {
     tris.push([Vec3::X, Vec3::X, Vec3::Y]);
     tris.push([Vec3::splat(1e30), Vec3::new(1e30, -1e30, 0.0), Vec3::NEG_ONE * 1e30]);
     let mut w = world(tris);
-    w.triangles[3][0].x = f32::NAN;
-    w.triangles[4][1].y = f32::INFINITY;
+    w.corners_mut(3)[0].x = f32::NAN;
+    w.corners_mut(4)[1].y = f32::INFINITY;
     let bvh = Bvh::build(&w, |_| Some(Opacity::Opaque)).expect("builds");
     for ray in random_rays(500) {
         if let Some(hit) = bvh.closest(&ray, |_| true) {
@@ -216,7 +216,7 @@ fn occlusion_asks_about_each_hit_once() {
     let mut most = 0;
     for ray in random_rays(2000) {
         let exact = WatertightRay::new(&ray);
-        let meets = |i: &u32| exact.intersect(&w.triangles[*i as usize], ray.t_max).is_some();
+        let meets = |i: &u32| exact.intersect(&w.corners(*i), ray.t_max).is_some();
         let want: Vec<u32> = (0..500).filter(meets).collect();
         let mut got = Vec::new();
         assert!(!bvh.occluded(&ray, |h| {
@@ -235,7 +235,7 @@ fn occlusion_asks_about_each_hit_once() {
 fn copies_make_no_deep_tree() {
     let w = world(vec![[Vec3::ZERO, Vec3::X, Vec3::Y]; 5000]);
     let bvh = Bvh::build(&w, |_| Some(Opacity::Opaque)).expect("builds");
-    let [a, b, c] = w.triangles[0].map(Vec3A::from);
+    let [a, b, c] = w.corners(0).map(Vec3A::from);
     let origin = (a + b + c) / 3.0 + Vec3A::Z;
     let ray = Ray { origin, direction: Vec3A::NEG_Z, t_max: f32::INFINITY };
     assert_eq!(bvh.closest(&ray, |_| true).map(|h| h.triangle), Some(0));
