@@ -19,6 +19,10 @@ const UNIT: u32 = 4;
 /// edge of a shadow yet, it would get none for ever.
 const LEAST_SMALL: u32 = 4;
 
+/// On the way to an error a texel gets at least this part of the mean paths so far, and as many samples of suns and lamps: where the first paths and those of the
+/// neighbours found nothing, because what is bright is rare, nothing would ever ask for more.
+const LEAST_SHARE: f64 = 0.25;
+
 /// Most paths of a texel.
 const MOST: f32 = 65_536.0;
 
@@ -61,15 +65,22 @@ pub fn plan(map: &TexelMap, solution: &Solution, goal: Goal) -> Round {
         let more = if wanted.is_finite() { more.max(0.0) as u32 } else { 0 };
         more
     };
+    let n = texels.len() as f64;
+    // Only towards an error: means are planned with an even share from the start.
+    let share = if matches!(goal, Goal::Error(_)) { LEAST_SHARE } else { 0.0 };
+    let mean = texels.iter().map(|t| f64::from(t.paths.samples)).sum::<f64>() / n.max(1.0);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of paths")]
+    let floor = (share * mean) as u32;
     let more = |scale: f64, k: usize| {
         let t = &texels[k];
-        let more = new(scale, paths[k], cost.path_at(t), t.paths.samples);
-        let least = ((t.paths.samples + more) / LEAST_SMALL).saturating_sub(t.small.samples);
+        let lit = if t.validity == Validity::Valid { floor } else { 0 };
+        let more = new(scale, paths[k], cost.path_at(t), t.paths.samples)
+            .max(lit.saturating_sub(t.paths.samples).next_multiple_of(UNIT));
+        let least = ((t.paths.samples + more) / LEAST_SMALL).max(lit).saturating_sub(t.small.samples);
         let least = least.next_multiple_of(UNIT);
         let wanted = new(scale, small[k], cost.small, t.small.samples);
         More { small: if 0.0 < cost.small { wanted.max(least) } else { 0 }, paths: more }
     };
-    let n = texels.len() as f64;
     let valid = texels.iter().filter(|t| t.validity == Validity::Valid).count() as f64;
     let square = |sigma: f32, samples: u32| f64::from(sigma).powi(2) / f64::from(samples.max(1));
     // Both grow with the scale: the cost, and how far the error is below the goal.

@@ -54,6 +54,7 @@ pub fn turned_charts(
     effort: Effort,
     monitor: &Monitor,
 ) -> BTreeSet<u32> {
+    let kernel = &kernel.plain();
     let mut charts: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
     for i in 0..map.texels.len() {
         let triangle = map.triangles_of(i)[0];

@@ -390,12 +390,13 @@ fn look_around(at: &mut Place<'_>, crack: f32, tally: &mut Tally) -> Visible {
 /// Whether none of [`DARK`] paths finds light. They are the same whatever the seed and the number of samples, so that
 /// these do not decide which side of a surface counts; where there is light, the first of them mostly finds it.
 fn is_dark(at: &Place<'_>, tally: &mut Tally) -> bool {
+    let kernel = at.kernel.plain();
     let key = sequence::key(0, DARKNESS + at.id.page as u64, u64::from(at.id.texel));
     (0..DARK).all(|i| {
         let mut sequence = Sequence::new(key, i);
         let [a, b, c, d] = sequence.next4();
         let Some(vertex) = at.vertex([a, b]) else { return true };
-        let e = at.kernel.estimate(&vertex, [c, d], &mut sequence);
+        let e = kernel.estimate(&vertex, [c, d], &mut sequence);
         tally.looks += u64::from(e.rays);
         e.direct + e.indirect == Vec3::ZERO
     })

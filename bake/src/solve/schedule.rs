@@ -18,6 +18,10 @@ const FIRST: u32 = 8;
 /// Paths in the first round where their number is not given.
 const LEARN: u32 = 16;
 
+/// Samples of suns and lamps in the first round towards an error: a texel of which a tenth is lit shows nothing of it to 16 of
+/// them in one case of five, to 32 in one of thirty.
+const LEARN_SMALL: u32 = 32;
+
 /// Rounds towards an error at most. Each may double the paths, so the limit on paths ends it before.
 const ROUNDS: u32 = 64;
 
@@ -139,7 +143,7 @@ impl Task<'_> {
     fn target(&self, relative: f64, monitor: &Monitor) -> Result<Solution, Error> {
         let n = self.map.texels.len() as f64;
         expect(monitor, n * f64::from(LEARN));
-        let mut solution = self.first(LEARN, small(LEARN), monitor)?;
+        let mut solution = self.first(LEARN, LEARN_SMALL, monitor)?;
         self.audit(&mut solution, monitor)?;
         let mut audited = solution.spent();
         for _ in 0..ROUNDS {

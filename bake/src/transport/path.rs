@@ -145,6 +145,12 @@ impl<'a> Kernel<'a> {
 }
 
 impl Kernel<'_> {
+    /// The kernel without anything that was learnt: what it finds does not depend on the seed of a pilot.
+    #[must_use]
+    pub fn plain(&self) -> Self {
+        Self { beams: None, landed: &[], sky_guide: None, cache: None, ..*self }
+    }
+
     /// One path that starts at `start` in the direction that `u` chooses. The rest of its numbers come
     /// from `sequence`.
     #[must_use]
