@@ -26,4 +26,6 @@
 //! | standard error | standard deviation of a mean | that of the mean |
 
 pub mod format;
+pub mod harmonics;
 pub mod num;
+pub mod response;
