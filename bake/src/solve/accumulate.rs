@@ -64,7 +64,7 @@ pub struct Gate {
 const BRIGHTEST: f32 = 1e35;
 
 impl Gate {
-    /// Lets a finite colour up to [`BRIGHTEST`] through and turns anything else into black, counted.
+    /// Lets a finite colour up to 1e35 nits through and turns anything else into black, counted.
     #[must_use]
     pub fn admit(&mut self, colour: Rgb, at: Rejected) -> Rgb {
         if colour.abs().max_element() <= BRIGHTEST && !colour.is_nan() {
