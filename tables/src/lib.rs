@@ -1,4 +1,4 @@
-//! The bottom of the toolchain: conventions, numeric guards and file formats.
+//! The bottom of the toolchain: conventions, numeric guards, file formats, and what a medium answers to an emitter.
 //!
 //! Nothing here knows a scene. Conventions that every crate shares:
 //!
@@ -29,3 +29,4 @@ pub mod format;
 pub mod harmonics;
 pub mod num;
 pub mod response;
+pub mod table;
