@@ -19,8 +19,8 @@ const UNIT: u32 = 4;
 /// edge of a shadow yet, it would get none for ever.
 const LEAST_SMALL: u32 = 4;
 
-/// On the way to an error a texel gets at least this part of the mean paths so far, and as many samples of suns and lamps: where the first paths and those of the
-/// neighbours found nothing, because what is bright is rare, nothing would ever ask for more.
+/// On the way to an error a texel gets at least this part of the mean paths so far, and as many samples of suns and lamps:
+/// where the first paths and those of the neighbours found nothing, because what is bright is rare, nothing would ever ask for more.
 const LEAST_SHARE: f64 = 0.25;
 
 /// Most paths of a texel.
@@ -73,7 +73,7 @@ pub fn plan(map: &TexelMap, solution: &Solution, goal: Goal) -> Round {
     let floor = (share * mean) as u32;
     let more = |scale: f64, k: usize| {
         let t = &texels[k];
-        let lit = if t.validity == Validity::Valid { floor } else { 0 };
+        let lit = if t.validity != Validity::Hidden { floor } else { 0 };
         let more = new(scale, paths[k], cost.path_at(t), t.paths.samples)
             .max(lit.saturating_sub(t.paths.samples).next_multiple_of(UNIT));
         let least = ((t.paths.samples + more) / LEAST_SMALL).max(lit).saturating_sub(t.small.samples);
@@ -81,7 +81,7 @@ pub fn plan(map: &TexelMap, solution: &Solution, goal: Goal) -> Round {
         let wanted = new(scale, small[k], cost.small, t.small.samples);
         More { small: if 0.0 < cost.small { wanted.max(least) } else { 0 }, paths: more }
     };
-    let valid = texels.iter().filter(|t| t.validity == Validity::Valid).count() as f64;
+    let valid = texels.iter().filter(|t| t.validity != Validity::Hidden).count() as f64;
     let square = |sigma: f32, samples: u32| f64::from(sigma).powi(2) / f64::from(samples.max(1));
     // Both grow with the scale: the cost, and how far the error is below the goal.
     let enough = |scale: f64| match goal {
@@ -124,7 +124,7 @@ pub fn plan(map: &TexelMap, solution: &Solution, goal: Goal) -> Round {
 /// little from [`error`], which is what the texels themselves say.
 #[must_use]
 pub fn predicted(map: &TexelMap, texels: &[Texel]) -> f64 {
-    let valid = texels.iter().filter(|t| t.validity == Validity::Valid).count() as f64;
+    let valid = texels.iter().filter(|t| t.validity != Validity::Hidden).count() as f64;
     let kinds: [fn(&Texel) -> &Gathered; 2] = [|t| &t.small, |t| &t.paths];
     let squares: f64 = kinds
         .into_iter()
@@ -140,11 +140,11 @@ pub fn predicted(map: &TexelMap, texels: &[Texel]) -> f64 {
     (squares / valid.max(1.0)).sqrt()
 }
 
-/// Root mean squared standard error of the valid texels, scaled by the audit if there was one, and their mean
+/// Root mean squared standard error of the texels that are not hidden, scaled by the audit if there was one, and their mean
 /// luminance, nits.
 #[must_use]
 pub fn error(solution: &Solution) -> (f64, f64) {
-    let valid = || solution.texels.iter().filter(|t| t.validity == Validity::Valid);
+    let valid = || solution.texels.iter().filter(|t| t.validity != Validity::Hidden);
     let n = (valid().count() as f64).max(1.0);
     let mut sums = (0.0, 0.0);
     for t in valid() {
@@ -160,8 +160,8 @@ fn smoothed(map: &TexelMap, texels: &[Texel], kind: impl Fn(&Texel) -> &Gathered
     let (w, h) = (map.width as usize, map.height as usize);
     let mut page = vec![f32::NAN; w * h];
     for (t, &at) in texels.iter().zip(&map.texels) {
-        // What lies inside a body is filled from its chart: no path there is of use.
-        if t.validity == Validity::Valid {
+        // What lies behind a one-sided surface is filled from its chart: no path there is of use. What seems enclosed may be kept.
+        if t.validity != Validity::Hidden {
             let g = kind(t);
             page[at as usize] = luminance(g.std_err).powi(2) * g.samples as f32;
         }

@@ -3,7 +3,7 @@
 #![allow(clippy::needless_range_loop, reason = "formulas name the index")]
 
 use super::{BANDS, Zh, Zh64};
-use std::f64::consts::{FRAC_PI_2, PI};
+use std::f64::consts::PI;
 
 /// Numbers that the kernels are written for: f32 for baking, f64 for building tables.
 pub trait Real:
@@ -188,18 +188,6 @@ pub fn henyey_greenstein(g: f64, x: f64) -> f64 {
     // (1 - g)^2 + 2 g (1 - x) keeps its precision for g and x near 1.
     let d = (1.0 - g) * (1.0 - g) + 2.0 * g * (1.0 - x);
     (1.0 - g * g) / (d * d.sqrt())
-}
-
-/// Greatest angle of a lobe's half width, for plots: where the lobe falls to half of its peak.
-#[must_use]
-pub fn half_width(zh: &Zh64) -> f64 {
-    let peak = evaluate(zh, 1.0);
-    let (mut lo, mut hi) = (0.0, FRAC_PI_2);
-    for _ in 0..50 {
-        let middle = 0.5 * (lo + hi);
-        if 0.5 * peak < evaluate(zh, f64::cos(middle)) { lo = middle } else { hi = middle }
-    }
-    lo
 }
 
 #[cfg(test)]

@@ -49,7 +49,10 @@ pub fn build(sizes: Sizes) -> Vec<Content> {
     let root = Axis::RootOfAbsorption { from: 0.0, to: 1.0, n: sizes.albedos };
     let mut contents = points(distance, g, root);
     contents.extend(suns(distance, g, sizes.few_albedos));
-    contents.push(patches(distance, Axis::Angle { n: sizes.angles }, g));
+    // Where light is scattered backwards, the vector irradiance close to a patch vanishes and turns around, and the axis of the
+    // fitted lobe jumps: nothing there could be interpolated.
+    let forward = Axis::G { from: 0.0, to: 0.9, n: sizes.gs.div_ceil(2).max(4) };
+    contents.push(patches(distance, Axis::Angle { n: sizes.angles }, forward));
     contents.extend(patch_orders(few, sizes.few_angles, sizes.few_albedos));
     contents
 }

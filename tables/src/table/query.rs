@@ -1,8 +1,8 @@
 //! Questions to tables.
 
-use super::file::{Emitter, Part, Tables};
+use super::file::{Axis, Emitter, Part, Tables};
 use crate::harmonics::{BANDS, Zh64};
-use crate::response::moments::{self, decay};
+use crate::response::moments::decay;
 
 /// Which orders of scattering are asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,9 +94,12 @@ impl Tables {
         let single = part == Part::Order(1);
         // By similarity where the table has no axis of g: scattering by g counts as (1 - g) of isotropic scattering.
         let similar = !single && q.emitter != Emitter::Point;
-        let limit = moments::MAX_G.min(0.9);
-        let g = q.g.clamp(-limit, limit);
-        if g != q.g && !similar {
+        let range = block.axes.iter().find_map(|axis| match axis {
+            Axis::G { from, to, .. } => Some((*from, *to)),
+            _ => None,
+        });
+        let g = range.map_or(q.g, |(from, to)| q.g.clamp(from, to));
+        if g != q.g {
             answer.clamped.push("g");
         }
         let (mut albedo, mut stretch, mut g) = (q.albedo, 1.0, g);
@@ -114,10 +117,10 @@ impl Tables {
             .axes
             .iter()
             .map(|axis| match axis {
-                super::file::Axis::Distance { .. } => depth,
-                super::file::Axis::G { .. } => g,
-                super::file::Axis::RootOfAbsorption { .. } => root,
-                super::file::Axis::Angle { .. } => q.theta,
+                Axis::Distance { .. } => depth,
+                Axis::G { .. } => g,
+                Axis::RootOfAbsorption { .. } => root,
+                Axis::Angle { .. } => q.theta,
             })
             .collect();
         let (zh, shift) = self.interpolate(block, &at);
