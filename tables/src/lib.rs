@@ -25,6 +25,7 @@
 //! | `pdf_area` | probability density per area | 1/m² |
 //! | standard error | standard deviation of a mean | that of the mean |
 
+pub mod cli;
 pub mod format;
 pub mod harmonics;
 pub mod num;

@@ -5,9 +5,24 @@
 use super::BANDS;
 use super::zonal::{Real, norm};
 use std::f64::consts::SQRT_2;
+use std::sync::LazyLock;
 
 /// Number of coefficients of a full expansion.
 pub const COEFFICIENTS: usize = BANDS * BANDS;
+
+/// Factors of the recurrence in l for each m: P_(l+1) = a z P_l - b P_(l-1), all normalised.
+static RECURRENCE: LazyLock<[[[f64; 2]; BANDS]; BANDS]> = LazyLock::new(|| {
+    let mut table = [[[0.0; 2]; BANDS]; BANDS];
+    for m in 0..BANDS {
+        for l in m..BANDS {
+            let (above, here, k) = ((l + 1) as f64, l as f64, m as f64);
+            let a = ((4.0 * above * above - 1.0) / (above * above - k * k)).sqrt();
+            let b = if l == m { 0.0 } else { ((here * here - k * k) / (4.0 * here * here - 1.0)).sqrt() };
+            table[m][l] = [a, a * b];
+        }
+    }
+    table
+});
 
 /// Real spherical harmonics of a unit vector, all of them.
 ///
@@ -17,6 +32,7 @@ pub const COEFFICIENTS: usize = BANDS * BANDS;
 #[must_use]
 pub fn basis<T: Real>([x, y, z]: [T; 3]) -> [T; COEFFICIENTS] {
     let mut out = [T::default(); COEFFICIENTS];
+    let recurrence = &*RECURRENCE;
     let (mut c, mut s) = (T::of(1.0), T::default());
     // Normalised P_m^m without its sine.
     let mut diagonal = norm(0);
@@ -34,14 +50,7 @@ pub fn basis<T: Real>([x, y, z]: [T; 3]) -> [T; COEFFICIENTS] {
             if 0 < m {
                 out[base - m] = T::of(factor) * p * s;
             }
-            let (lf, mf) = ((l + 1) as f64, m as f64);
-            let a = ((4.0 * lf * lf - 1.0) / (lf * lf - mf * mf)).sqrt();
-            let b = if l == m {
-                0.0
-            } else {
-                let j = l as f64;
-                a * ((j * j - mf * mf) / (4.0 * j * j - 1.0)).sqrt()
-            };
+            let [a, b] = recurrence[m][l];
             let next = T::of(a) * z * p - T::of(b) * before;
             (before, p) = (p, next);
         }

@@ -56,6 +56,87 @@ impl Cubic {
     }
 }
 
+/// The polynomial through `points` neighbours of `n` equidistant nodes, at a place counted in nodes: the first of them, and their
+/// weights.
+#[must_use]
+pub fn lagrange(place: f64, n: usize, points: usize) -> (usize, Vec<f64>) {
+    // NaN becomes the first node.
+    let place = place.max(0.0).min((n - 1) as f64);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped above")]
+    let first = (place as usize + 1).saturating_sub(points / 2).min(n - points);
+    let t = place - first as f64;
+    let weights = (0..points)
+        .map(|i| (0..points).filter(|&j| j != i).map(|j| (t - j as f64) / (i as f64 - j as f64)).product())
+        .collect();
+    (first, weights)
+}
+
+/// Nodes for g in [-`to`, `to`]. Responses are analytic in g within the unit circle; artanh(g) makes a strip of it, and the inverse sine
+/// spreads Chebyshev nodes evenly along the strip (\[KTE93\] Kosloff and Tal-Ezer, "A Modified Chebyshev Pseudospectral Method",
+/// eq. 2.2). 16 nodes are as good here as 20 without the map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ScatteringAxis {
+    /// Greatest |g|.
+    pub to: f64,
+    /// Number of nodes.
+    pub n: usize,
+}
+
+/// Even spread against convergence, measured: 0.8 to 0.9 are alike, 0.95 is six times worse.
+const SPREAD: f64 = 0.85;
+
+impl ScatteringAxis {
+    fn unit(&self) -> ChebyshevAxis {
+        ChebyshevAxis { from: -1.0, to: 1.0, n: self.n }
+    }
+
+    /// All nodes, ascending.
+    pub fn nodes(&self) -> impl Iterator<Item = f64> + use<> {
+        let end = self.to.atanh();
+        self.unit().nodes().map(move |x| (end * (SPREAD * x).asin() / SPREAD.asin()).tanh())
+    }
+
+    /// Weights of the nodes at `g`, which is clamped.
+    #[must_use]
+    pub fn at(&self, g: f64) -> Vec<f64> {
+        let part = g.max(-self.to).min(self.to).atanh() / self.to.atanh();
+        self.unit().at((part * SPREAD.asin()).sin() / SPREAD)
+    }
+}
+
+/// Nodes for the angle of a patch, [0, pi], crowded at pi / 2: there its own horizon passes the way to the receiver, and the response
+/// goes like x^2 ln x. Chebyshev nodes on either side, in the square root of the distance from pi / 2.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HorizonAxis {
+    /// Number of nodes on each side.
+    pub per_side: usize,
+}
+
+impl HorizonAxis {
+    fn side(&self) -> ChebyshevAxis {
+        ChebyshevAxis { from: 0.0, to: 1.0, n: self.per_side }
+    }
+
+    /// All nodes, ascending.
+    pub fn nodes(&self) -> impl Iterator<Item = f64> + use<> {
+        let (n, side) = (self.per_side, self.side());
+        (0..2 * n).map(move |i| {
+            let s = if i < n { -side.node(n - 1 - i) } else { side.node(i - n) };
+            std::f64::consts::FRAC_PI_2 * (1.0 + s * s.abs())
+        })
+    }
+
+    /// Nodes that count at an angle, and their weights.
+    #[must_use]
+    pub fn at(&self, angle: f64) -> Vec<(usize, f64)> {
+        let n = self.per_side;
+        let from_level = angle / std::f64::consts::FRAC_PI_2 - 1.0;
+        let weights = self.side().at(from_level.abs().sqrt());
+        let index = |i: usize| if from_level < 0.0 { n - 1 - i } else { n + i };
+        weights.into_iter().enumerate().map(|(i, w)| (index(i), w)).collect()
+    }
+}
+
 /// Chebyshev nodes on an interval; functions that are analytic around it are interpolated with an error that falls
 /// exponentially in their number.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -125,6 +206,42 @@ mod tests {
             let c = axis.at(x);
             assert_eq!(c.first, first);
             assert!((c.weights[weight] - 1.0).abs() < 1e-12, "{c:?}");
+        }
+    }
+
+    #[test]
+    fn polynomials_through_neighbours() {
+        let f = |x: f64| 2.0 - x + 0.3 * x.powi(3) - 0.01 * x.powi(5);
+        for place in [-1.0, 0.0, 0.4, 3.5, 7.0, 8.9, 9.0, 20.0f64] {
+            let (first, weights) = lagrange(place, 10, 6);
+            let got: f64 = weights.iter().enumerate().map(|(i, w)| w * f((first + i) as f64)).sum();
+            let want = f(place.clamp(0.0, 9.0));
+            assert!((got - want).abs() < 1e-10 * (1.0 + want.abs()), "{place}: {got} {want}");
+        }
+        assert_eq!(lagrange(2.25, 4, 2), (2, vec![0.75, 0.25]));
+    }
+
+    #[test]
+    fn axes_meet_their_nodes_and_converge_between_them() {
+        let g = ScatteringAxis { to: 0.9, n: 16 };
+        let nodes: Vec<f64> = g.nodes().collect();
+        assert!(nodes.is_sorted() && -0.9 < nodes[0] && nodes[15] < 0.9);
+        let f = |g: f64| (1.0 - g * g) / (1.0 + g * g - 1.6 * g).powf(1.5);
+        for at in [-0.9, -0.4, 0.0, 0.77, 0.9, nodes[3]] {
+            // By logarithms, as tables do.
+            let got = g.at(at).iter().zip(&nodes).map(|(w, &n)| w * f(n).ln()).sum::<f64>().exp();
+            assert!((got / f(at) - 1.0).abs() < 1e-3, "{at}: {got} {}", f(at));
+        }
+        let angle = HorizonAxis { per_side: 14 };
+        let nodes: Vec<f64> = angle.nodes().collect();
+        assert!(nodes.is_sorted() && nodes.len() == 28);
+        let f = |a: f64| {
+            let x = a - std::f64::consts::FRAC_PI_2;
+            1.0 + 0.3 * x + if x < 0.0 { x * x * (1e-300 - x).ln() } else { (2.0 * x).cos() - 1.0 }
+        };
+        for at in [0.0, 0.3, 1.5, 1.57, 1.571, 1.6, 2.8, std::f64::consts::PI, nodes[13], nodes[14]] {
+            let got: f64 = angle.at(at).iter().map(|&(i, w)| w * f(nodes[i])).sum();
+            assert!((got - f(at)).abs() < 2e-5, "{at}: {got} {}", f(at));
         }
     }
 

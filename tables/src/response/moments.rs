@@ -1,8 +1,8 @@
 //! Light of a point emitter that was scattered twice and more often, for any g.
 //!
 //! In Fourier space the Legendre moments f_l(k) of the transport equation obey a three-term recurrence, whose decaying solution is a
-//! continued fraction. An order of scattering is a coefficient of their power series in the albedo, by a discrete Fourier transform
-//! over a circle of complex albedos. The way back is
+//! continued fraction. An order of scattering is a coefficient of their power series in the albedo, so the fraction is evaluated in
+//! truncated power series. The way back is
 //! L_l(D) = norm_l 2 / pi * integral over k of k^2 j_l(k D) f_l(k),
 //! with the orders 0 and 1 taken out, because they decay too slowly and are known. Where it oscillates, the path of integration is
 //! turned into the upper half plane, where the Bessel function decays instead: at small distances from k D = 10 on, at large ones
@@ -27,19 +27,31 @@ pub type Orders = [Zh64; ORDERS - 1];
 /// Greatest |g| for which the number of terms stays small.
 pub const MAX_G: f64 = 0.95;
 
-/// Radius and number of the albedos on the circle. Order n is known to rounding times radius^-n, and mixed with order n + number by
-/// radius^number: a wide circle where the light of high orders is weak, close to the emitter, and a narrow one far away, where light
-/// of a great albedo would reach further than that of single orders.
-const NEAR_CIRCLE: (f64, usize) = (0.65, 44);
+/// A power series in the albedo, to [`ORDERS`].
+type Series = [C; ORDERS + 1];
 
-/// See [`NEAR_CIRCLE`].
-const FAR_CIRCLE: (f64, usize) = (0.25, 32);
+fn inverse(a: &Series) -> Series {
+    let first = a[0].inv();
+    let mut out = [first; ORDERS + 1];
+    for n in 1..=ORDERS {
+        let sum: C = (1..=n).map(|i| a[i] * out[n - i]).sum();
+        out[n] = -first * sum;
+    }
+    out
+}
+
+fn product(a: &Series, b: &Series) -> Series {
+    std::array::from_fn(|n| (0..=n).map(|i| a[i] * b[n - i]).sum())
+}
 
 /// Distances beyond this take the hyperbola.
 const FAR: f64 = 8.0;
 
 /// Moduli of k beyond this start the continued fraction by forward recurrence: backward would need too many terms.
 const LARGE: f64 = 50.0;
+
+/// Moduli of k beyond which the orders from 11 on are too weak to count: each is about pi / (2 (1 - |g|)) / k of the one before.
+const FEW_ORDERS: f64 = 1000.0;
 
 /// Where the continued fraction of one k and g begins: from there on scattering no longer counts.
 struct Tail {
@@ -98,52 +110,49 @@ impl Tail {
         f
     }
 
-    /// Moments without scattering, and their derivative by the albedo there: the orders 0 and 1.
-    fn low_orders(&self) -> [[C; BANDS]; 2] {
+    /// Moments of each order of scattering from 0 on: the same fraction in power series. Each order keeps its own relative
+    /// precision, however weak it is; differences of moments at several albedos would not.
+    fn orders(&self) -> [[C; BANDS]; ORDERS + 1] {
         let k = self.k;
-        let mut ratios = [[C::ZERO; 2]; BANDS];
-        let (mut r, mut d) = (self.ratio, C::ZERO);
+        let mut ratios = [[C::ZERO; ORDERS + 1]; BANDS];
+        let mut r = [C::ZERO; ORDERS + 1];
+        r[0] = self.ratio;
         for l in (1..self.powers.len()).rev() {
             let (lf, n) = (l as f64, (2 * l + 1) as f64);
-            let below = (C::ONE * n + k * r * (lf + 1.0)).inv();
-            let next = k * lf * below;
-            d = next * below * (n * self.powers[l] - k * d * (lf + 1.0));
-            r = next;
+            let mut below = r.map(|c| c * k * (lf + 1.0));
+            below[0] += n;
+            below[1] -= n * self.powers[l];
+            r = inverse(&below).map(|c| c * k * lf);
             if l < BANDS {
-                ratios[l] = [r, d];
+                ratios[l] = r;
             }
         }
-        let first = (C::ONE + k * ratios[1][0]).inv();
-        let mut f = [[first; BANDS], [first * first * (C::ONE - k * ratios[1][1]); BANDS]];
-        for l in 1..BANDS {
-            let [r, d] = ratios[l];
-            f[0][l] = f[0][l - 1] * r;
-            f[1][l] = f[1][l - 1] * r + f[0][l - 1] * d;
-        }
-        f
-    }
-
-    /// Moments of each order from 2 on.
-    fn orders(&self, (radius, circle): (f64, usize)) -> [[C; BANDS]; ORDERS - 1] {
-        let mut out = [[C::ZERO; BANDS]; ORDERS - 1];
-        for j in 0..circle {
-            let turn = TAU * j as f64 / circle as f64;
-            let f = self.moments(C::from_polar(radius, turn));
-            for (n, out) in out.iter_mut().enumerate() {
-                let order = (n + 2) as f64;
-                let weight = C::from_polar(radius.powf(-order) / circle as f64, -turn * order);
-                for (o, f) in out.iter_mut().zip(f) {
-                    *o += weight * f;
-                }
+        let mut below = ratios[1].map(|c| c * k);
+        below[0] += 1.0;
+        below[1] -= 1.0;
+        let mut f = inverse(&below);
+        let mut out = [[C::ZERO; BANDS]; ORDERS + 1];
+        for l in 0..BANDS {
+            if 0 < l {
+                f = product(&f, &ratios[l]);
+            }
+            for n in 0..=ORDERS {
+                out[n][l] = f[n];
             }
         }
         out
     }
 
     /// Moments of all orders from 2 on, divided by the square of the albedo.
-    fn rest(&self, low: &[[C; BANDS]; 2], alpha: f64) -> [C; BANDS] {
+    fn rest(&self, orders: &[[C; BANDS]; ORDERS + 1], alpha: f64) -> [C; BANDS] {
+        if FEW_ORDERS < self.k.norm() {
+            // The rest would be a small difference; but orders weaken so fast here that some are all.
+            return std::array::from_fn(|l| {
+                orders[2..].iter().rev().fold(C::ZERO, |sum, order| sum * alpha + order[l])
+            });
+        }
         let f = self.moments(alpha.into());
-        std::array::from_fn(|l| (f[l] - low[0][l] - low[1][l] * alpha) / (alpha * alpha))
+        std::array::from_fn(|l| (f[l] - orders[0][l] - orders[1][l] * alpha) / (alpha * alpha))
     }
 }
 
@@ -182,6 +191,14 @@ pub fn decay(alpha: f64, g: f64) -> f64 {
     lo
 }
 
+/// Decay that tables are scaled by: that of isotropic scattering by (1 - g) of the medium, close to [`decay`] and analytic in g, which
+/// [`decay`] is not where it reaches 1.
+#[must_use]
+pub fn similar_decay(alpha: f64, g: f64) -> f64 {
+    let stretch = 1.0 - alpha * g;
+    stretch * decay(alpha * (1.0 - g) / stretch, 0.0)
+}
+
 /// A step along the path of integration.
 struct Step {
     k: C,
@@ -190,7 +207,9 @@ struct Step {
 }
 
 /// The path for a distance, in a medium where nothing decays slower than exp(-slowest D). The result is that times exp(scale D).
-fn path(distance: f64, slowest: f64, scale: f64) -> Vec<Step> {
+/// A `detail` of 1 is enough; others show that it is.
+fn path(distance: f64, slowest: f64, scale: f64, detail: usize) -> Vec<Step> {
+    let fine = detail as f64;
     let mut steps = Vec::new();
     let mut push = |k: C, dk: C, bessel: fn(C, f64) -> [C; BANDS]| {
         let b = bessel(k * distance, scale * distance);
@@ -202,7 +221,7 @@ fn path(distance: f64, slowest: f64, scale: f64) -> Vec<Step> {
         let turn = 10.0 / distance;
         let start = (1e-5 * slowest.max(1e-3)).min(1e-3 * turn);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of panels")]
-        let panels = ((turn / start).ln() / 0.5).ceil() as usize;
+        let panels = (fine * (turn / start).ln() / 0.5).ceil() as usize;
         let width = (turn / start).ln() / panels as f64;
         for p in 0..panels {
             for (x, w) in GAUSS {
@@ -211,7 +230,7 @@ fn path(distance: f64, slowest: f64, scale: f64) -> Vec<Step> {
             }
         }
         // Then up, k = turn + s exp(i pi / 4): the Bessel function falls like exp(-s D / sqrt 2).
-        let (direction, n) = (C::from_polar(1.0, FRAC_PI_4), 96);
+        let (direction, n) = (C::from_polar(1.0, FRAC_PI_4), 96 * detail);
         for node in super::quadrature::tanh_sinh(n) {
             let s = 60.0 / distance * node.x;
             push(direction * s + turn, direction * (60.0 / distance * node.w), outgoing);
@@ -220,7 +239,7 @@ fn path(distance: f64, slowest: f64, scale: f64) -> Vec<Step> {
         let pass = slowest * f64::max(0.5, 1.0 - 4.0 / (slowest * distance));
         let amplitude = pass / FRAC_PI_4.sin();
         let to_singularity = (slowest / amplitude).min(1.0).asin().min(FRAC_PI_2) - FRAC_PI_4;
-        let step = TAU * to_singularity.min(FRAC_PI_4) / 36.0;
+        let step = TAU * to_singularity.min(FRAC_PI_4) / (36.0 * fine);
         let end = (1.0 + 45.0 / (pass * distance)).acosh();
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of steps")]
         let n = (end / step).ceil() as usize;
@@ -292,11 +311,16 @@ const GAUSS: [(f64, f64); 8] = [
 /// Distance times exp(distance) times each order of scattering from 2 to [`ORDERS`], for albedo 1.
 #[must_use]
 pub fn orders_scaled(distance: f64, g: f64) -> Orders {
-    let circle = if distance <= FAR { NEAR_CIRCLE } else { FAR_CIRCLE };
+    orders_in_detail(distance, g, 1)
+}
+
+/// The same with `detail` times the resolution everywhere.
+#[must_use]
+pub fn orders_in_detail(distance: f64, g: f64, detail: usize) -> Orders {
     let mut out = [[0.0; BANDS]; ORDERS - 1];
-    for step in path(distance, decay(circle.0, g.abs()), 1.0) {
-        let f = Tail::new(step.k, g).orders(circle);
-        for (out, f) in out.iter_mut().zip(f) {
+    for step in path(distance, 1.0, 1.0, detail) {
+        let f = Tail::new(step.k, g).orders();
+        for (out, f) in out.iter_mut().zip(&f[2..]) {
             for l in 0..BANDS {
                 out[l] += distance * (step.weights[l] * f[l]).re;
             }
@@ -309,13 +333,19 @@ pub fn orders_scaled(distance: f64, g: f64) -> Orders {
 /// the given albedos in (0, 1).
 #[must_use]
 pub fn rest_scaled(distance: f64, g: f64, alphas: &[f64]) -> Vec<Zh64> {
+    rest_in_detail(distance, g, alphas, 1)
+}
+
+/// The same with `detail` times the resolution everywhere.
+#[must_use]
+pub fn rest_in_detail(distance: f64, g: f64, alphas: &[f64], detail: usize) -> Vec<Zh64> {
     let slow: Vec<f64> = alphas.iter().map(|&a| decay(a, g)).collect();
     let mut out = vec![[0.0; BANDS]; alphas.len()];
     if distance <= FAR {
         // One path for all; they differ by the scale alone.
-        for step in path(distance, slow.iter().copied().fold(1.0, f64::min), 0.0) {
+        for step in path(distance, slow.iter().copied().fold(1.0, f64::min), 0.0, detail) {
             let tail = Tail::new(step.k, g);
-            let low = tail.low_orders();
+            let low = tail.orders();
             for ((out, &alpha), nu) in out.iter_mut().zip(alphas).zip(&slow) {
                 let f = tail.rest(&low, alpha);
                 let factor = distance * (nu * distance).exp();
@@ -327,9 +357,9 @@ pub fn rest_scaled(distance: f64, g: f64, alphas: &[f64]) -> Vec<Zh64> {
         return out;
     }
     for ((out, &alpha), &nu) in out.iter_mut().zip(alphas).zip(&slow) {
-        for step in path(distance, nu, nu) {
+        for step in path(distance, nu, nu, detail) {
             let tail = Tail::new(step.k, g);
-            let f = tail.rest(&tail.low_orders(), alpha);
+            let f = tail.rest(&tail.orders(), alpha);
             for l in 0..BANDS {
                 out[l] += distance * (step.weights[l] * f[l]).re;
             }

@@ -9,11 +9,11 @@ use super::interpolation::LogAxis;
 use super::point::cos;
 use super::quadrature::{Node, tanh_sinh};
 use crate::harmonics::real::COEFFICIENTS;
-use crate::harmonics::zonal::{CLAMPED_COSINE, henyey_greenstein, legendre, norm};
+use crate::harmonics::zonal::{CLAMPED_COSINE, henyey_greenstein, norm};
 use crate::harmonics::{BANDS, Zh64, real};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use std::f64::consts::{FRAC_PI_2, PI};
+use std::f64::consts::{FRAC_PI_2, PI, SQRT_2};
 
 /// Coefficients with m >= 0: (l, m) at l (l + 1) / 2 + m.
 pub const HALF: usize = BANDS * (BANDS + 1) / 2;
@@ -141,7 +141,7 @@ pub fn expand(response: &Response) -> [f64; COEFFICIENTS] {
 /// The lobe that comes nearest to a response, and how much that costs.
 #[derive(Clone, Copy, Debug)]
 pub struct Fit {
-    /// Sine of the angle from +z to the axis, towards +x: the shift of \[IR19\] section 4.2.
+    /// Angle from +z to the axis, towards +x, radians: the shift of \[IR19\] section 4.2.
     pub shift: f64,
     /// Coefficients about the axis.
     pub zh: Zh64,
@@ -154,10 +154,10 @@ impl Fit {
     #[must_use]
     pub fn new(response: &Response) -> Self {
         let [x, _, z] = vector(response);
-        let end = x.atan2(z).clamp(0.0, FRAC_PI_2);
+        let end = x.atan2(z).clamp(0.0, PI);
         // What a lobe about this axis keeps of the mean square.
         let kept = |angle: f64| {
-            about(response, angle)
+            about(response, axis(angle))
                 .iter()
                 .enumerate()
                 .map(|(l, f)| (CLAMPED_COSINE[l] / norm(l) * f).powi(2))
@@ -174,19 +174,52 @@ impl Fit {
             if kept(a) < kept(b) { lo = a } else { hi = b }
         }
         let angle = 0.5 * (lo + hi);
-        Self { shift: angle.sin(), zh: about(response, angle) }
+        Self { shift: angle, zh: about(response, axis(angle)) }
     }
 
     /// Unit vector of the axis.
     #[must_use]
     pub fn axis(&self) -> [f64; 3] {
-        [self.shift, 0.0, (1.0 - self.shift * self.shift).max(0.0).sqrt()]
+        axis(self.shift)
     }
 }
 
-/// Coefficients of what is symmetric about an axis in the xz-plane.
-fn about(response: &Response, angle: f64) -> Zh64 {
-    let (x, z) = angle.sin_cos();
+/// Unit vector of the axis with a shift.
+#[must_use]
+pub fn axis(shift: f64) -> [f64; 3] {
+    let (x, z) = shift.sin_cos();
+    [x, 0.0, z]
+}
+
+/// The response that is a lobe about an axis in the xz-plane.
+#[must_use]
+pub fn lobe(zh: &Zh64, [x, _, z]: [f64; 3]) -> Response {
+    let mut out = associated(z, x);
+    for l in 0..BANDS {
+        for v in &mut out[l * (l + 1) / 2..(l + 1) * (l + 2) / 2] {
+            *v *= zh[l] / norm(l);
+        }
+    }
+    out
+}
+
+/// Irradiance on a plane with the given unit normal, of all 11 bands.
+#[must_use]
+pub fn irradiance(response: &Response, normal: [f64; 3]) -> f64 {
+    let y = real::basis(normal);
+    let mut sum = 0.0;
+    for l in 0..BANDS {
+        let f = CLAMPED_COSINE[l] / norm(l);
+        for m in 0..=l {
+            sum += f * response[l * (l + 1) / 2 + m] * y[l * (l + 1) + m];
+        }
+    }
+    sum
+}
+
+/// Coefficients about an axis in the xz-plane of the lobe that comes nearest to a response.
+#[must_use]
+pub fn about(response: &Response, [x, _, z]: [f64; 3]) -> Zh64 {
     let y = associated(z, x);
     std::array::from_fn(|l| {
         let sum: f64 = (0..=l).map(|m| response[l * (l + 1) / 2 + m] * y[l * (l + 1) / 2 + m]).sum();
@@ -194,8 +227,67 @@ fn about(response: &Response, angle: f64) -> Zh64 {
     })
 }
 
-/// Bands in which the light around a patch is followed from order to order. Scattering smooths it, so more change little.
-const AROUND: usize = 11;
+/// Bands in which the fluence around a patch is followed from order to order. The fluence bends at the patch's horizon and is weak
+/// behind it, so more are needed than of light at a place.
+const AROUND: usize = 21;
+
+/// Of those, bands from here on are weighed less and less: a sum that ends gently does not ring behind the patch.
+const GENTLE: usize = 12;
+
+/// Weight of a band of the fluence.
+fn gentle(big: usize) -> f64 {
+    if big < GENTLE {
+        return 1.0;
+    }
+    let x = (big + 1 - GENTLE) as f64 / (AROUND + 1 - GENTLE) as f64;
+    (0.5 * PI * x).cos().powi(2)
+}
+
+/// Pairs (L, m) of the fluence, m below [`BANDS`].
+const PAIRS: usize = AROUND * BANDS - BANDS * (BANDS - 1) / 2;
+
+/// Index of a pair.
+const fn pair(big: usize, m: usize) -> usize {
+    m * AROUND - m * (m + 1) / 2 + big
+}
+
+/// All pairs.
+fn pairs() -> impl Iterator<Item = (usize, usize)> {
+    (0..BANDS).flat_map(|m| (m..AROUND).map(move |big| (big, m)))
+}
+
+/// Like [`associated`], for the bands of the fluence.
+fn associated_around(z: f64, sine: f64) -> [f64; PAIRS] {
+    let mut out = [0.0; PAIRS];
+    let mut diagonal = norm(0);
+    for m in 0..BANDS {
+        if 0 < m {
+            let k = m as f64;
+            diagonal *= sine * ((2.0 * k + 1.0) / (2.0 * k)).sqrt() * if m == 1 { SQRT_2 } else { 1.0 };
+        }
+        let (mut before, mut p, mut last) = (0.0, diagonal, 0.0);
+        for big in m..AROUND {
+            out[pair(big, m)] = p;
+            let (l, k) = ((big + 1) as f64, m as f64);
+            let a = ((4.0 * l * l - 1.0) / (l * l - k * k)).sqrt();
+            let next = a * (z * p - last * before);
+            (before, p) = (p, next);
+            last = a.recip();
+        }
+    }
+    out
+}
+
+/// Legendre polynomials of those bands.
+fn legendre_around(x: f64) -> [f64; AROUND] {
+    let mut p = [1.0; AROUND];
+    p[1] = x;
+    for l in 1..AROUND - 1 {
+        let k = l as f64;
+        p[l + 1] = ((2.0 * k + 1.0) * x * p[l] - k * p[l - 1]) / (k + 1.0);
+    }
+    p
+}
 
 /// How the light of one order of scattering follows from the one before, around a patch in an infinite medium with isotropic
 /// scattering.
@@ -231,14 +323,14 @@ impl Orders {
     pub fn once(axis: LogAxis) -> Vec<DVector<f64>> {
         let rule = tanh_sinh(48);
         // Gauss-Legendre would need a table; the same rule serves, for both halves of the cosine.
-        let angles: Vec<(f64, f64)> = tanh_sinh(24).iter().flat_map(|n| [(n.x, n.w), (-n.x, n.w)]).collect();
+        let angles: Vec<(f64, f64)> = tanh_sinh(48).iter().flat_map(|n| [(n.x, n.w), (-n.x, n.w)]).collect();
         let rows: Vec<Vec<f64>> = (0..axis.n)
             .into_par_iter()
             .map(|i| {
                 let mut row = vec![0.0; AROUND];
                 for &(c, w) in &angles {
                     let f = fluence(&single_scaled(&rule, axis.node(i), c.acos(), &[0.0])[0]);
-                    for (l, (r, p)) in row.iter_mut().zip(legendre(c)).enumerate() {
+                    for (l, (r, p)) in row.iter_mut().zip(legendre_around(c)).enumerate() {
                         *r += (l as f64 + 0.5) * w * f * p;
                     }
                 }
@@ -252,28 +344,31 @@ impl Orders {
         let n = self.axis.n;
         // Fluence is sqrt(4 pi) times the first coefficient, and P_L of the angle to the normal is y_L0 / norm.
         let factor = (4.0 * PI).sqrt() * norm(l) * 4.0 * PI / (2 * l + 1) as f64;
-        DMatrix::from_fn(n, n, |i, j| factor * self.gather[i][l * (l + 1) / 2][0][j])
+        DMatrix::from_fn(n, n, |i, j| factor * self.gather[i][pair(l, 0)][0][j])
     }
 
     /// Light at a distance and angle from the fluence by L.
     fn light(&self, fluence: &[DVector<f64>], angles: &[f64]) -> Vec<Vec<Response>> {
         (0..self.axis.n)
             .map(|i| {
+                let sums: Vec<Vec<f64>> = pairs()
+                    .map(|(big, m)| {
+                        let rows = &self.gather[i][pair(big, m)];
+                        rows.iter()
+                            .map(|row| row.iter().zip(fluence[big].iter()).map(|(a, b)| a * b).sum())
+                            .collect()
+                    })
+                    .collect();
                 angles
                     .iter()
                     .map(|angle| {
-                        let a = associated(angle.cos(), angle.sin());
+                        let a = associated_around(angle.cos(), angle.sin());
                         let mut out = [0.0; HALF];
-                        for big in 0..AROUND {
-                            for m in 0..=big {
-                                let lm = big * (big + 1) / 2 + m;
-                                let factor = 4.0 * PI / (2 * big + 1) as f64 * a[lm];
-                                for (k, row) in self.gather[i][lm].iter().enumerate() {
-                                    let l = k + m;
-                                    let sum: f64 =
-                                        row.iter().zip(fluence[big].iter()).map(|(a, b)| a * b).sum();
-                                    out[l * (l + 1) / 2 + m] += factor * sum;
-                                }
+                        for (big, m) in pairs() {
+                            let factor = gentle(big) * 4.0 * PI / (2 * big + 1) as f64 * a[pair(big, m)];
+                            for (k, sum) in sums[pair(big, m)].iter().enumerate() {
+                                let l = k + m;
+                                out[l * (l + 1) / 2 + m] += factor * sum;
                             }
                         }
                         out
@@ -313,9 +408,8 @@ impl Orders {
 
 /// See [`Orders::gather`].
 fn gather(rule: &[Node], axis: LogAxis, scale: f64, distance: f64) -> Vec<Vec<Vec<f64>>> {
-    let mut out: Vec<Vec<Vec<f64>>> =
-        (0..AROUND).flat_map(|big| (0..=big).map(move |m| vec![vec![0.0; axis.n]; BANDS - m])).collect();
-    let mut inner = vec![vec![0.0; axis.n]; HALF];
+    let mut out: Vec<Vec<Vec<f64>>> = pairs().map(|(_, m)| vec![vec![0.0; axis.n]; BANDS - m]).collect();
+    let mut inner = vec![vec![0.0; axis.n]; PAIRS];
     for outer in rule {
         let (theta, rest) = (PI * outer.x, PI * outer.y);
         let half = (0.5 * theta).sin();
@@ -331,7 +425,7 @@ fn gather(rule: &[Node], axis: LogAxis, scale: f64, distance: f64) -> Vec<Vec<Ve
                 continue;
             }
             let cubic = axis.at(r);
-            let a = associated(eta.cos(), eta.sin());
+            let a = associated_around(eta.cos(), eta.sin());
             for (inner, a) in inner.iter_mut().zip(a) {
                 for (k, w) in cubic.weights.iter().enumerate() {
                     inner[cubic.first + k] += weight * a * w;
@@ -339,16 +433,14 @@ fn gather(rule: &[Node], axis: LogAxis, scale: f64, distance: f64) -> Vec<Vec<Ve
             }
         }
         let y = associated(cos(theta, rest), sine);
-        for big in 0..AROUND {
-            for m in 0..=big {
-                let lm = big * (big + 1) / 2 + m;
-                let weight = PI * outer.w * rest * if m == 0 { 2.0 * PI } else { PI } / (4.0 * PI);
-                for (k, row) in out[lm].iter_mut().enumerate() {
-                    let l = k + m;
-                    let factor = weight * y[l * (l + 1) / 2 + m];
-                    for (r, v) in row.iter_mut().zip(&inner[lm]) {
-                        *r += factor * v;
-                    }
+        for (big, m) in pairs() {
+            let lm = pair(big, m);
+            let weight = PI * outer.w * rest * if m == 0 { 2.0 * PI } else { PI } / (4.0 * PI);
+            for (k, row) in out[lm].iter_mut().enumerate() {
+                let l = k + m;
+                let factor = weight * y[l * (l + 1) / 2 + m];
+                for (r, v) in row.iter_mut().zip(&inner[lm]) {
+                    *r += factor * v;
                 }
             }
         }

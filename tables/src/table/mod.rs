@@ -4,8 +4,11 @@
 //! Chebyshev interpolation stand for all of it.
 
 pub mod build;
+pub mod combined;
 pub mod file;
 pub mod query;
+pub mod verify;
 
+pub use combined::{Combined, CombinedPatch, Range, Way};
 pub use file::Tables;
 pub use query::{Answer, Orders, Query};

@@ -1,14 +1,15 @@
 //! Questions to tables.
 
-use super::file::{Axis, Emitter, Part, Tables};
-use crate::harmonics::{BANDS, Zh64};
-use crate::response::moments::decay;
+use super::file::{Axis, Block, Emitter, Form, Part, Tables};
+use crate::harmonics::Zh64;
+use crate::response::moments::similar_decay;
+use crate::response::patch::{self, HALF, Response};
 
 /// Which orders of scattering are asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Orders {
-    /// This one.
-    One(u32),
+    /// From the first to the second, both included, one by one.
+    Span(u32, u32),
     /// Infinitely many from 2 on.
     Rest,
     /// Infinitely many from 1 on.
@@ -39,6 +40,8 @@ pub struct Answer {
     pub zh: Zh64,
     /// Axis in the frame of [`crate::response::patch`]; +z, the way to the light, for point and directional emitters.
     pub axis: [f64; 3],
+    /// Coefficients with m >= 0 in that frame, before the lobe is fitted.
+    pub light: Response,
     /// What was outside the tables and taken at their end.
     pub clamped: Vec<&'static str>,
 }
@@ -47,7 +50,7 @@ pub struct Answer {
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum QueryError {
     /// The file lacks the table.
-    #[error("the file has no table of {0:?} light of {1:?}; build one that has with `tables build`")]
+    #[error("the file has no table of {1} of {0} light; build one that has with `tables build`")]
     Missing(Emitter, Part),
     /// A number that means nothing.
     #[error("{0}")]
@@ -64,6 +67,15 @@ impl Tables {
     ///
     /// If the file lacks a table, or a number means nothing.
     pub fn query(&self, q: &Query) -> Result<Answer, QueryError> {
+        self.query_log(q, 0.0)
+    }
+
+    /// The answer times exp(`log_factor`), which keeps it within range however deep the question goes.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Tables::query`].
+    pub fn query_log(&self, q: &Query, log_factor: f64) -> Result<Answer, QueryError> {
         if !(0.0..f64::INFINITY).contains(&q.depth) || (q.depth == 0.0 && q.emitter != Emitter::Directional) {
             return Err(QueryError::Nonsense("a distance is a positive number of mean free paths"));
         }
@@ -76,72 +88,132 @@ impl Tables {
         if !(0.0..=std::f64::consts::PI + 1e-9).contains(&q.theta) {
             return Err(QueryError::Nonsense("an angle lies between 0 and 180 degrees"));
         }
-        let mut answer = Answer { zh: [0.0; BANDS], axis: [0.0, 0.0, 1.0], clamped: Vec::new() };
+        let mut sum = Sum { light: [0.0; HALF], axis: [0.0; 3], full: false, clamped: Vec::new() };
         match q.orders {
-            Orders::One(0) => return Err(QueryError::Nonsense("orders of scattering begin at 1")),
-            Orders::One(n) => self.add(q, Part::Order(n), &mut answer)?,
-            Orders::Rest => self.add(q, Part::Rest, &mut answer)?,
+            Orders::Span(from, to) if from == 0 || to < from => {
+                return Err(QueryError::Nonsense("orders of scattering begin at 1 and ascend"));
+            }
+            Orders::Span(from, to) => {
+                for n in from..=to {
+                    self.add(q, Part::Order(n), log_factor, &mut sum)?;
+                }
+            }
+            Orders::Rest => self.add(q, Part::Rest, log_factor, &mut sum)?,
             Orders::All => {
-                self.add(q, Part::Rest, &mut answer)?;
-                self.add(q, Part::Order(1), &mut answer)?;
+                self.add(q, Part::Order(1), log_factor, &mut sum)?;
+                self.add(q, Part::Rest, log_factor, &mut sum)?;
             }
         }
-        Ok(answer)
+        if sum.full {
+            let fit = patch::Fit::new(&sum.light);
+            return Ok(Answer { zh: fit.zh, axis: fit.axis(), light: sum.light, clamped: sum.clamped });
+        }
+        // A sum of lobes is one about the mean of their axes, weighed by their fluence.
+        let length = sum.axis.iter().map(|v| v * v).sum::<f64>().sqrt();
+        let axis = if 0.0 < length { sum.axis.map(|v| v / length) } else { [0.0, 0.0, 1.0] };
+        Ok(Answer { zh: patch::about(&sum.light, axis), axis, light: sum.light, clamped: sum.clamped })
     }
 
-    fn add(&self, q: &Query, part: Part, answer: &mut Answer) -> Result<(), QueryError> {
+    /// About how fast the light of a question falls with depth D: like exp(-decay D), but for a factor that changes slowly.
+    #[must_use]
+    pub fn decay(&self, q: &Query) -> f64 {
+        let part = match q.orders {
+            Orders::Span(..) => return 1.0,
+            Orders::Rest | Orders::All => Part::Rest,
+        };
+        self.block(q.emitter, part).map_or(1.0, |block| {
+            let scaled = Scaled::new(block, q);
+            (similar_decay(scaled.albedo, scaled.g) * scaled.stretch).min(1.0)
+        })
+    }
+
+    fn add(&self, q: &Query, part: Part, more: f64, sum: &mut Sum) -> Result<(), QueryError> {
         let block = self.block(q.emitter, part).ok_or(QueryError::Missing(q.emitter, part))?;
-        let single = part == Part::Order(1);
-        // By similarity where the table has no axis of g: scattering by g counts as (1 - g) of isotropic scattering.
-        let similar = !single && q.emitter != Emitter::Point;
-        let range = block.axes.iter().find_map(|axis| match axis {
-            Axis::G { from, to, .. } => Some((*from, *to)),
-            _ => None,
-        });
-        let g = range.map_or(q.g, |(from, to)| q.g.clamp(from, to));
-        if g != q.g {
-            answer.clamped.push("g");
-        }
-        let (mut albedo, mut stretch, mut g) = (q.albedo, 1.0, g);
-        if similar {
-            stretch = 1.0 - q.albedo * q.g;
-            (albedo, g) = (q.albedo * (1.0 - q.g) / stretch, 0.0);
-        }
-        if part == Part::Rest && q.emitter == Emitter::Directional && MOST_UNDER_A_SUN < albedo {
-            albedo = MOST_UNDER_A_SUN;
-            answer.clamped.push("albedo");
-        }
-        let depth = q.depth * stretch;
-        let root = (1.0 - albedo).sqrt();
+        let scaled = Scaled::new(block, q);
+        let mut clamp = |what: &'static str, outside: bool| {
+            if outside && !sum.clamped.contains(&what) {
+                sum.clamped.push(what);
+            }
+        };
+        clamp("g", scaled.g_outside);
+        clamp("albedo", scaled.albedo_outside);
+        let depth = q.depth * scaled.stretch;
+        let root = (1.0 - scaled.albedo).sqrt();
         let at: Vec<f64> = block
             .axes
             .iter()
             .map(|axis| match axis {
-                Axis::Distance { .. } => depth,
-                Axis::G { .. } => g,
+                Axis::Distance { first, last, .. } => {
+                    // Below the first node nothing changes any more.
+                    clamp("depth", *last < depth || depth < 1e-3 * first);
+                    depth
+                }
+                Axis::G { .. } | Axis::Columns { .. } => scaled.g,
                 Axis::RootOfAbsorption { .. } => root,
-                Axis::Angle { .. } => q.theta,
+                Axis::Angle { .. } | Axis::Bins { .. } => q.theta,
             })
             .collect();
-        let (zh, shift) = self.interpolate(block, &at);
-        let (power, nu) = match part {
-            Part::Order(n) => (albedo.powi(n.try_into().unwrap_or(i32::MAX)), 1.0),
-            Part::Rest => (albedo * albedo, decay(albedo, g)),
+        let (power, decay) = match part {
+            Part::Order(n) => (f64::from(n), 1.0),
+            Part::Rest => (2.0, similar_decay(scaled.albedo, scaled.g)),
         };
-        let mut factor = power * (-nu * depth).exp();
+        let mut log_factor = more + power * scaled.albedo.ln() - decay * depth;
         if q.emitter != Emitter::Directional {
-            factor *= stretch * stretch / depth;
+            log_factor += 2.0 * scaled.stretch.ln() - depth.ln();
         }
-        // A sum of lobes about two axes is one about their mean, weighed by their fluence.
-        let old = answer.zh[0];
-        for (sum, v) in answer.zh.iter_mut().zip(zh) {
-            *sum += factor * v;
+        let (light, shift) = self.interpolate(block, &at, log_factor);
+        for (sum, v) in sum.light.iter_mut().zip(light) {
+            *sum += v;
         }
-        let axis = [shift, 0.0, (1.0 - shift * shift).sqrt()];
-        let part = if old == 0.0 { 1.0 } else { factor * zh[0] / answer.zh[0] };
-        let mixed: [f64; 3] = std::array::from_fn(|i| answer.axis[i] * (1.0 - part) + axis[i] * part);
-        let length = mixed.iter().map(|v| v * v).sum::<f64>().sqrt();
-        answer.axis = mixed.map(|v| v / length);
+        sum.full |= block.form == Form::Full;
+        for (sum, v) in sum.axis.iter_mut().zip(patch::axis(shift)) {
+            *sum += light[0] * v;
+        }
         Ok(())
+    }
+}
+
+/// What an answer is summed up from.
+struct Sum {
+    light: Response,
+    /// Axes of lobes, weighed by their fluence.
+    axis: [f64; 3],
+    /// Whether more than lobes are in it.
+    full: bool,
+    clamped: Vec<&'static str>,
+}
+
+/// The medium for which a block is asked.
+struct Scaled {
+    albedo: f64,
+    g: f64,
+    /// Factor of distances.
+    stretch: f64,
+    g_outside: bool,
+    albedo_outside: bool,
+}
+
+impl Scaled {
+    fn new(block: &Block, q: &Query) -> Self {
+        let range = block.axes.iter().find_map(|axis| match axis {
+            Axis::G { to, .. } | Axis::Columns { to, .. } => Some(*to),
+            _ => None,
+        });
+        let mut out =
+            Self { albedo: q.albedo, g: q.g, stretch: 1.0, g_outside: false, albedo_outside: false };
+        if let Some(to) = range {
+            out.g = q.g.clamp(-to, to);
+            out.g_outside = out.g != q.g;
+        } else {
+            // By similarity (\[ZRB14\] Zhao, Ramamoorthi and Bala, "High-Order Similarity Relations in Radiative Transfer"): scattering
+            // by g counts as (1 - g) of isotropic scattering.
+            out.stretch = 1.0 - q.albedo * q.g;
+            (out.albedo, out.g) = (q.albedo * (1.0 - q.g) / out.stretch, 0.0);
+        }
+        if block.part == Part::Rest && q.emitter == Emitter::Directional && MOST_UNDER_A_SUN < out.albedo {
+            out.albedo = MOST_UNDER_A_SUN;
+            out.albedo_outside = true;
+        }
+        out
     }
 }
