@@ -26,6 +26,7 @@ pub mod compare;
 pub mod error;
 pub mod geom;
 pub mod light;
+pub mod media;
 pub mod output;
 pub mod plan;
 pub mod sample;

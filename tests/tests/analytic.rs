@@ -160,3 +160,40 @@ fn glass_tints_what_passes() {
     );
     check("glass pane", &cases, 3 * 200);
 }
+
+/// Writes a configuration with media and gives its path.
+fn fog(dir: &tempfile::TempDir, media: &str) -> String {
+    let path = dir.path().join("fog.toml");
+    std::fs::write(&path, format!("media = [{media}]\n")).expect("a file");
+    path.to_string_lossy().into_owned()
+}
+
+/// Fog that only scatters changes nothing in a furnace, however dense and whichever way it scatters.
+#[test]
+fn furnace_with_fog_is_a_furnace() {
+    let dir = tempfile::tempdir().expect("a folder");
+    for (sigma, g) in [("0.3", "0"), ("[0.1, 1, 5]", "0.8"), ("2", "-0.5")] {
+        let config = fog(&dir, &format!("{{ sigma_s = {sigma}, g = {g} }}"));
+        let args =
+            ["--samples", "256", "--texels-per-metre", "4", "--media", "reference", "--config", &config];
+        let baked = tool::baked(&closed::furnace(0.5, 1.0), &args);
+        let what = format!("furnace with fog of {sigma}, g {g}");
+        check(&what, &baked.cases(any, |_, _| DVec3::splat(2.0)), 3 * 90);
+    }
+}
+
+/// A slab that absorbs weakens a sun by exp(-sigma length), in closed form and by unbiased paths alike.
+#[test]
+fn absorbing_slab_weakens_the_sun() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let medium = "{ sigma_a = [0.25, 1, 4], box = { min = [-99, 0.5, -99], max = [99, 1, 99] } }";
+    let config = fog(&dir, medium);
+    let direction = Vec3::new(0.3, -1.0, 0.4).normalize();
+    let cos = f64::from(-direction.y);
+    let want = DVec3::new(0.25, 1.0, 4.0).to_array().map(|s| 1000.0 * cos / PI * (-s * 0.5 / cos).exp());
+    for mode in ["attenuate", "reference"] {
+        let args = ["--samples", "16", "--texels-per-metre", "5", "--media", mode, "--config", &config];
+        let baked = tool::baked(&open::under_sun(1000.0, direction, 0.0), &args);
+        check_all(&format!("slab, {mode}"), &baked, |_, _| DVec3::from(want));
+    }
+}

@@ -9,7 +9,7 @@ use bake::geom::atlas::{Engine, Unwrap};
 use bake::geom::texel::TexelMap;
 use bake::output::{assemble, scene_glb};
 use bake::plan::settings::Sampling;
-use bake::plan::{self, Plan, Quality, Settings};
+use bake::plan::{self, MediaMode, Plan, Quality, Settings};
 use bake::sample::sequence::mix64;
 use bake::scene::config::Config;
 use bake::scene::document::Document;
@@ -312,6 +312,7 @@ fn attempt(name: &str, bytes: &[u8], folder: Option<&Path>, config: Option<&str>
         quality: Quality::Draft,
         samples: 2,
         sampling: Sampling::Exact(2),
+        media: MediaMode::Reference,
         bounces: Some(2),
         texels_per_metre: None,
         max_size: 32,
@@ -330,7 +331,7 @@ fn attempt(name: &str, bytes: &[u8], folder: Option<&Path>, config: Option<&str>
 
 /// Two paths in every texel, and the scene with its new coordinates.
 fn bake_a_little(plan: &Plan, document: &Document) {
-    let kernel = Kernel::new(plan.scene(), plan.tracing(), plan.settings().bounces);
+    let kernel = Kernel::new(plan.scene(), plan.tracing(), plan.settings().bounces, plan.settings().media);
     let map = TexelMap::build(plan.scene(), plan.atlas(), 0);
     let effort = Effort { samples: 2, small: 2, seed: 1, texel_size: plan.atlas().texels_per_metre.recip() };
     let monitor = Monitor::default();

@@ -11,7 +11,7 @@ fn numbers(v: &Value) -> [f64; 3] {
     std::array::from_fn(|i| v[i].as_f64().unwrap_or(f64::NAN))
 }
 
-fn check(name: &str) {
+fn check(name: &str, more: &[&str]) {
     let Some(shared) = suite::shared(name) else { return };
     let rooms = shared.join("oracles/rooms");
     let oracle: Value =
@@ -25,7 +25,7 @@ fn check(name: &str) {
         .collect();
     fs::write(dir.path().join("points.json"), serde_json::json!({ "points": asked }).to_string()).unwrap();
     let args = ["points", scene.to_str().unwrap(), "points.json", "--progress", "none"];
-    let done = tool::bake(&args, dir.path()).expect(0);
+    let done = tool::bake(&[&args[..], more].concat(), dir.path()).expect(0);
     let answer: Value = serde_json::from_str(&done.stdout).unwrap_or_else(|e| panic!("{e}\n{done}"));
     let got = answer["points"].as_array().unwrap();
     assert_eq!(got.len(), wanted.len());
@@ -48,10 +48,20 @@ fn check(name: &str) {
 
 #[test]
 fn a_room_with_a_point_light() {
-    check("surface_point");
+    check("surface_point", &[]);
 }
 
 #[test]
 fn a_cornell_box() {
-    check("surface_cornell");
+    check("surface_cornell", &[]);
+}
+
+/// Unbiased paths through fog: lamps in sight and hidden, coloured and absorbing media, forward scattering, a box of fog, a
+/// sun through a slab.
+#[test]
+fn rooms_with_fog() {
+    for name in ["fog_absorbing_hg", "fog_black", "fog_box", "fog_gray", "fog_lamp", "fog_shadow", "fog_sun"]
+    {
+        check(name, &["--media", "reference", "--target-error", "0.01"]);
+    }
 }

@@ -95,7 +95,7 @@ pub(crate) struct SettingsArgs {
     #[cfg(feature = "xatlas")]
     #[arg(long, value_enum, default_value = "uvunwrap")]
     pub(crate) unwrap_engine: EngineArg,
-    /// Media; this version bakes surfaces only
+    /// What becomes of fog and other media of the scene [default: off]
     #[arg(long, value_enum)]
     pub(crate) media: Option<MediaArg>,
     /// End paths at irradiance gathered beforehand: much less noise, a small bias that README states; a
@@ -195,7 +195,7 @@ pub(crate) struct PointsArgs {
     /// How the file's light intensities are meant
     #[arg(long, value_enum)]
     pub(crate) light_units: Option<LightUnitsArg>,
-    /// Media; this version gathers from surfaces only
+    /// What becomes of fog and other media of the scene [default: off]
     #[arg(long, value_enum)]
     pub(crate) media: Option<MediaArg>,
     /// Seed of all random numbers
@@ -278,6 +278,10 @@ pub(crate) enum LightUnitsArg {
 pub(crate) enum MediaArg {
     /// Media are ignored
     Off,
+    /// Media weaken light, and scatter none
+    Attenuate,
+    /// Unbiased paths scatter in media: slow
+    Reference,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

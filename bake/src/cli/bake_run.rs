@@ -304,7 +304,7 @@ pub(crate) fn learn(plan: &Plan) -> Learnt {
 
 /// The kernel that a plan calls for, before anything is learnt.
 pub(crate) fn kernel(plan: &Plan) -> Kernel<'_> {
-    Kernel::new(plan.scene(), plan.tracing(), plan.settings().bounces)
+    Kernel::new(plan.scene(), plan.tracing(), plan.settings().bounces, plan.settings().media)
 }
 
 fn amount(sampling: &Sampling) -> String {

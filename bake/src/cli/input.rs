@@ -4,7 +4,7 @@ use crate::cli::args::{LightUnitsArg, MediaArg, OnOff, QualityArg, SceneArgs, Se
 use crate::error::{Error, Finding};
 use crate::geom::atlas::{Engine, Unwrap};
 use crate::plan::settings::Sampling;
-use crate::plan::{Quality, Settings};
+use crate::plan::{MediaMode, Quality, Settings};
 use crate::scene::config::{Config, RunConfig};
 use crate::scene::document::Document;
 use crate::scene::gltf::{self, LightUnits, LoadOptions};
@@ -99,6 +99,23 @@ pub(crate) fn word<T: ValueEnum>(text: &str, path: &str) -> Result<T, Error> {
     })
 }
 
+/// What becomes of media: by the command line, else the configuration file.
+///
+/// # Errors
+///
+/// If the file's word is not known.
+pub(crate) fn media(arg: Option<MediaArg>, run: &RunConfig) -> Result<MediaMode, Error> {
+    let arg = match (arg, &run.media) {
+        (None, Some(text)) => Some(word(text, "run.media")?),
+        (given, _) => given,
+    };
+    Ok(match arg.unwrap_or(MediaArg::Off) {
+        MediaArg::Off => MediaMode::Off,
+        MediaArg::Attenuate => MediaMode::Attenuate,
+        MediaArg::Reference => MediaMode::Reference,
+    })
+}
+
 /// Settings from the command line, else the configuration file, else the scene, else the preset.
 ///
 /// # Errors
@@ -115,9 +132,7 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
         (None, Some(text)) => word(text, "run.unwrap")?,
         (None, None) => UnwrapArg::Auto,
     };
-    if let (None, Some(text)) = (args.media, &run.media) {
-        let MediaArg::Off = word(text, "run.media")?;
-    }
+    let media = media(args.media, run)?;
     let quality = self::quality(quality);
     let texels_per_metre = args.texels_per_metre.or(run.texels_per_metre).or(scene.texels_per_metre);
     if let Some(d) = texels_per_metre
@@ -144,6 +159,7 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
             UnwrapArg::Always => Unwrap::Always,
         },
         engine: engine(args),
+        media,
         seed: args.seed.or(run.seed).unwrap_or(0),
         irradiance_cache: args.irradiance_cache == OnOff::On,
         split_direct: args.split_direct,

@@ -1,7 +1,7 @@
 //! What a scene contains, and what runs because of it.
 
 use crate::light::Lights;
-use crate::plan::settings::Settings;
+use crate::plan::settings::{MediaMode, Settings};
 use crate::scene::model::{AlphaMode, LightMode, LightmapMode, Scene};
 use serde::Serialize;
 
@@ -80,6 +80,20 @@ pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> 
                 (false, _) => "switched off: paths go on to their last reflection".to_owned(),
             },
         ),
-        effect("media", false, "surfaces only: --media off".to_owned()),
+        effect(
+            "media",
+            !scene.media.is_empty() && settings.media != MediaMode::Off,
+            match (scene.media.len(), settings.media) {
+                (0, _) => "no medium".to_owned(),
+                (1, MediaMode::Off) => {
+                    "1 medium, ignored: --media attenuate or reference simulates it".to_owned()
+                }
+                (n, MediaMode::Off) => {
+                    format!("{n} media, ignored: --media attenuate or reference simulates them")
+                }
+                (n, MediaMode::Attenuate) => format!("{n} homogeneous, weakening light"),
+                (n, MediaMode::Reference) => format!("{n} homogeneous, scattering paths"),
+            },
+        ),
     ]
 }

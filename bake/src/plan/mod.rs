@@ -13,11 +13,12 @@ use crate::geom::atlas::{self, Atlas};
 use crate::geom::shade::opacity;
 use crate::geom::{Bvh, World};
 use crate::light::Lights;
+use crate::media::Media;
 use crate::scene::document::Document;
 use crate::scene::model::Scene;
 pub use effects::Effect;
 pub use memory::Memory;
-pub use settings::{Quality, Settings};
+pub use settings::{MediaMode, Quality, Settings};
 
 /// A scene that is ready to be solved.
 #[derive(Debug)]
@@ -38,6 +39,8 @@ pub struct Tracing {
     pub bvh: Bvh,
     /// What emits.
     pub lights: Lights,
+    /// What fills the air, if it does anything.
+    pub media: Option<Media>,
 }
 
 impl Tracing {
@@ -53,7 +56,8 @@ impl Tracing {
             scene.surfaces[surface].casts_shadow.then(|| opacity(scene, surface))
         })?;
         let lights = Lights::new(scene, &world);
-        Ok(Self { world, bvh, lights })
+        let media = Media::new(scene, world.origin);
+        Ok(Self { world, bvh, lights, media })
     }
 }
 

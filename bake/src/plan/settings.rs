@@ -65,6 +65,30 @@ pub enum Sampling {
     Budget(f64),
 }
 
+/// What becomes of participating media.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum MediaMode {
+    /// They are ignored.
+    #[default]
+    Off,
+    /// They weaken light, and scatter none.
+    Attenuate,
+    /// Unbiased paths scatter in them.
+    Reference,
+}
+
+impl MediaMode {
+    /// Name on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::Attenuate => "attenuate",
+            Self::Reference => "reference",
+        }
+    }
+}
+
 /// Resolved settings of a bake.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
@@ -86,6 +110,8 @@ pub struct Settings {
     pub unwrap: Unwrap,
     /// What flattens.
     pub engine: Engine,
+    /// What becomes of media.
+    pub media: MediaMode,
     /// Seed of all random numbers.
     pub seed: u64,
     /// Whether paths may end at an irradiance cache.
@@ -118,7 +144,7 @@ impl Settings {
     /// them rules it out.
     #[must_use]
     pub fn caches(&self) -> bool {
-        self.irradiance_cache && self.bounces.is_none()
+        self.irradiance_cache && self.bounces.is_none() && self.media != MediaMode::Reference
     }
 
     pub(crate) fn atlas(&self) -> AtlasOptions {
@@ -158,7 +184,7 @@ impl Settings {
             ("unwrap", json!(unwrap)),
             ("unwrap_engine", json!(engine)),
             ("irradiance_cache", json!(self.caches())),
-            ("media", json!("off")),
+            ("media", json!(self.media.name())),
             ("split_direct", json!(self.split_direct)),
         ];
         pairs.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()

@@ -3,13 +3,13 @@
 use std::{fs, path::Path};
 
 use glam::Vec3;
-use serde_json::Value;
+use serde_json::{Map, Number, Value};
 
 use super::{
     document::InputFile,
     findings::Findings,
-    model::{Light, LightKind, LightMode, LightmapMode, Sky},
-    read::{Table, index_of, scalar},
+    model::{Light, LightKind, LightMode, LightmapMode, Medium, Region, Sky},
+    read::{Table, floats, index_of, scalar},
     sky,
 };
 use crate::error::{Error, Finding};
@@ -63,6 +63,8 @@ pub struct SceneWords {
     pub sky: Option<Sky>,
     /// `texels_per_metre`.
     pub texels_per_metre: Option<f32>,
+    /// `media`, in file order.
+    pub media: Vec<Medium>,
     /// `metals_black`: albedo is base colour times (1 - metallic).
     pub metals_black: Option<bool>,
 }
@@ -121,9 +123,7 @@ impl Config {
             let what = e.to_string().lines().collect::<Vec<_>>().join("\n    ");
             Finding::error(name, format!("not TOML: {what}"), "correct the syntax")
         })?;
-        let value = serde_json::to_value(table).map_err(|e| {
-            Finding::error(name, format!("cannot be read: {e}"), "write numbers, text and lists only")
-        })?;
+        let value = json(toml::Value::Table(table));
         let mut out = Findings::default();
         let mut config = Self::default();
         if let Some(mut t) = Table::new(&value, "", &mut out) {
@@ -152,16 +152,104 @@ impl Config {
     }
 }
 
+/// TOML as JSON. Numbers that JSON lacks become text, which no reader of a number takes, so they are findings and not absent.
+fn json(value: toml::Value) -> Value {
+    match value {
+        toml::Value::Float(f) => Number::from_f64(f).map_or_else(|| f.to_string().into(), Value::Number),
+        toml::Value::Integer(i) => i.into(),
+        toml::Value::Boolean(b) => b.into(),
+        toml::Value::String(s) => s.into(),
+        toml::Value::Datetime(d) => d.to_string().into(),
+        toml::Value::Array(list) => list.into_iter().map(json).collect(),
+        toml::Value::Table(table) => table.into_iter().map(|(k, v)| (k, json(v))).collect(),
+    }
+}
+
 const MEDIUM_PREFIX: &str = "medium_";
 
-/// Media words are known but not yet simulated: one finding names them.
-fn media(t: &mut Table<'_>, out: &mut Findings) {
-    let mut names: Vec<&str> = ["media", "medium"].into_iter().filter(|k| t.get(k).is_some()).collect();
+/// Media of nodes are known but not yet simulated: one finding names them.
+fn node_medium(t: &mut Table<'_>, out: &mut Findings) {
+    let mut names: Vec<&str> = ["medium"].into_iter().filter(|k| t.get(k).is_some()).collect();
     names.extend(t.starting_with(MEDIUM_PREFIX));
     if let Some(first) = names.first() {
-        let what = format!("media are not simulated by this version; ignored: {}", names.join(", "));
-        out.push(Finding::warning(t.at(first), what, "bake without them, or remove the words"));
+        let what = format!("media of nodes are not simulated by this version; ignored: {}", names.join(", "));
+        out.push(Finding::warning(t.at(first), what, "write `media` with a `box` in the scene's extras"));
     }
+}
+
+/// Reads `media`, and the flat words that some exporters write.
+fn media(t: &mut Table<'_>, out: &mut Findings) -> Vec<Medium> {
+    let at = t.at("media");
+    let mut list = match t.get("media") {
+        None => Vec::new(),
+        Some(Value::Array(list)) => {
+            list.iter().enumerate().filter_map(|(i, v)| medium(v, &format!("{at}[{i}]"), out)).collect()
+        }
+        Some(_) => {
+            out.push(Finding::error(at, "not a list", "write a list of media"));
+            Vec::new()
+        }
+    };
+    let flat = t.starting_with(MEDIUM_PREFIX);
+    if let Some(first) = flat.first() {
+        let words: Map<String, Value> =
+            flat.iter().map(|k| (k[MEDIUM_PREFIX.len()..].to_owned(), t.value(k))).collect();
+        list.extend(medium(&Value::Object(words), &t.at(first), out));
+    }
+    list
+}
+
+/// Reads one entry of `media`.
+fn medium(value: &Value, path: &str, out: &mut Findings) -> Option<Medium> {
+    let mut t = Table::new(value, path, out)?;
+    let name = t.text("name", out);
+    let sigma_s = t.colour("sigma_s", out);
+    let sigma_a = t.colour("sigma_a", out);
+    let typed = t.get("sigma_s").is_some() || t.get("sigma_a").is_some();
+    let g = t.number("g", "a number between -1 and 1", out, |v| -1.0 < v && v < 1.0).unwrap_or(0.0);
+    let density = match t.get("density") {
+        Some(Value::Object(_)) => {
+            let what = "densities that vary are not simulated by this version";
+            out.push(Finding::error(t.at("density"), what, "write a number, or leave the medium out"));
+            return None;
+        }
+        _ => t.number("density", "a number that is not negative", out, |v| 0.0 <= v).unwrap_or(1.0),
+    };
+    if t.get("emission").is_some() {
+        let what = "emission of media is not simulated by this version; ignored";
+        out.push(Finding::warning(t.at("emission"), what, "remove it, or use an emissive surface"));
+    }
+    let bounds = t.read("box", "a table with min and max, three numbers each", out, |v| {
+        let corner = |key: &str, i: usize| floats::<3>(v.get(key).or_else(|| v.get(i))?).map(Vec3::from);
+        corner("min", 0).zip(corner("max", 1))
+    });
+    let boxed = t.get("box").is_some();
+    let at = t.at("box");
+    t.finish(false, "", out);
+    if !typed {
+        out.push(Finding::error(path, "a medium has `sigma_s`, `sigma_a` or both", "give them per metre"));
+        return None;
+    }
+    let region = match bounds {
+        Some((min, max)) if min.cmplt(max).all() => Region::Box { min, max },
+        Some(_) => {
+            out.push(Finding::error(
+                at,
+                "the box has no volume",
+                "make every number of min less than that of max",
+            ));
+            return None;
+        }
+        None if boxed => return None,
+        None => Region::Everywhere,
+    };
+    Some(Medium {
+        path: name.unwrap_or_else(|| path.to_owned()),
+        sigma_s: sigma_s.unwrap_or_default() * density,
+        sigma_a: sigma_a.unwrap_or_default() * density,
+        g,
+        region,
+    })
 }
 
 fn texels_per_metre(t: &mut Table<'_>, out: &mut Findings) -> Option<f32> {
@@ -187,14 +275,13 @@ impl SceneWords {
             }
         };
         let sky = t.get("sky").and_then(|v| sky::word(v, &t.at("sky"), dir, inputs, out));
-        let words = Self {
+        Self {
             lamps,
             sky,
             texels_per_metre: texels_per_metre(t, out),
             metals_black: t.flag("metals_black", out),
-        };
-        media(t, out);
-        words
+            media: media(t, out),
+        }
     }
 
     /// Reads `scene.extras`.
@@ -240,7 +327,7 @@ impl NodeWords {
             mode: mode(&mut t, out),
             angular_diameter: angular_diameter(&mut t, out),
         };
-        media(&mut t, out);
+        node_medium(&mut t, out);
         t.finish(foreign, MEDIUM_PREFIX, out);
         words
     }
@@ -508,13 +595,57 @@ mod tests {
     }
 
     #[test]
-    fn unknown_words_and_media_are_warnings() {
-        let (_, findings) = parse("texel_per_metre = 3\nmedium_sigma_s = 1\n[run]\nsample = 3");
+    fn unknown_words_and_media_of_nodes_are_warnings() {
+        let (_, findings) = parse("texel_per_metre = 3\n[run]\nsample = 3\n[nodes.a]\nmedium_sigma_s = 1");
         let text: Vec<String> = findings.iter().map(ToString::to_string).collect();
         assert_eq!(findings.len(), 3, "{text:?}");
         assert!(findings.iter().all(|f| f.severity == Severity::Warning));
         assert!(text.iter().any(|t| t.contains("`texels_per_metre`")));
         assert!(text.iter().any(|t| t.contains("`samples`")));
         assert!(text.iter().any(|t| t.contains("medium_sigma_s")));
+    }
+
+    #[test]
+    fn media_are_read_in_both_spellings() {
+        let (config, findings) = parse(
+            r#"
+            medium_sigma_s = 0.5
+            medium_g = -0.25
+            [[media]]
+            name = "mist"
+            sigma_s = [0.1, 0.2, 0.3]
+            sigma_a = 0.01
+            density = 2
+            box = { min = [0, 0, 0], max = [1, 2, 3] }
+            "#,
+        );
+        assert!(findings.is_empty(), "{findings:?}");
+        let [mist, flat] = &config.scene.media[..] else { panic!("{:?}", config.scene.media) };
+        assert_eq!(mist.path, "mist");
+        assert_eq!(mist.sigma_s, Vec3::new(0.2, 0.4, 0.6));
+        assert_eq!(mist.sigma_a, Vec3::splat(0.02));
+        assert_eq!(mist.region, Region::Box { min: Vec3::ZERO, max: Vec3::new(1.0, 2.0, 3.0) });
+        assert_eq!((flat.sigma_s, flat.g, flat.region), (Vec3::splat(0.5), -0.25, Region::Everywhere));
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_medium_has_its_place() {
+        for (text, place) in [
+            ("media = 1", "media"),
+            ("media = [{ g = 0.5 }]", "media[0]"),
+            ("media = [{ sigma_s = -1 }]", "media[0].sigma_s"),
+            ("media = [{ sigma_s = 1, g = 1 }]", "media[0].g"),
+            ("media = [{ sigma_s = 1, g = nan }]", "media[0].g"),
+            ("media = [{ sigma_s = inf }]", "media[0].sigma_s"),
+            ("media = [{ sigma_a = 1, density = -2 }]", "media[0].density"),
+            ("media = [{ sigma_a = 1, density = { vdb = \"smoke.vdb\" } }]", "media[0].density"),
+            ("media = [{ sigma_a = 1, box = 3 }]", "media[0].box"),
+            ("media = [{ sigma_a = 1, box = { min = [0, 0, 0], max = [1, 0, 1] } }]", "media[0].box"),
+        ] {
+            let (config, findings) = parse(text);
+            let error = findings.iter().find(|f| f.severity == Severity::Error);
+            assert_eq!(error.map(|f| f.path.as_str()), Some(place), "{text}: {findings:?}");
+            assert!(config.scene.media.len() <= 1);
+        }
     }
 }

@@ -11,7 +11,7 @@ use super::{
     findings::Findings,
     gltf_material, gltf_mesh,
     gltf_nodes::{self, Hierarchy, NodeIndex, Placed},
-    model::{Camera, Light, LightKind, LightMode, LightmapMode, Mesh, Scene, Sky, Surface},
+    model::{Camera, Light, LightKind, LightMode, LightmapMode, Medium, Mesh, Region, Scene, Sky, Surface},
     read::{index_of, shown},
     sky,
 };
@@ -71,8 +71,11 @@ pub fn load(doc: &Document, config: &Config, options: &LoadOptions) -> (Scene, V
         let used: BTreeSet<usize> = scene.surfaces.iter().map(|s| s.material).collect();
         (scene.materials, scene.images) = gltf_material::load(doc, &used, metals_black, &mut out);
         lamps(&mut scene.lights, &extras.lamps, &config.scene.lamps);
+        scene.media = extras.media;
+        scene.media.extend(config.scene.media.iter().cloned());
         check_uv_sets(&mut scene, &mut out);
         ensure_light(&mut scene, wished, &mut out);
+        check_media(&scene, &mut out);
     }
     if scene.surfaces.is_empty() && !out.any_error() {
         out.push(Finding::error(
@@ -122,6 +125,21 @@ fn ensure_light(scene: &mut Scene, wished: Option<Sky>, out: &mut Findings) {
         let what = "nothing is baked: the sky is black, no surface glows and no lamp has mode baked or mixed";
         out.push(Finding::warning("scene", what, "bake a lamp, or add a sky"));
     }
+}
+
+/// Names lights that no medium lets through.
+fn check_media(scene: &Scene, out: &mut Findings) {
+    let endless = |m: &&Medium| m.region == Region::Everywhere && m.sigma_s + m.sigma_a != Vec3::ZERO;
+    let Some(medium) = scene.media.iter().find(endless) else { return };
+    let sun = scene.lights.iter().find(|l| matches!(l.kind, LightKind::Directional { .. }));
+    let far = match (sun, &scene.sky) {
+        (Some(sun), _) => sun.path.clone(),
+        (None, Sky::Black) => return,
+        (None, _) => "the sky".to_owned(),
+    };
+    let what =
+        format!("the medium has no end, so no light of {far} comes through it where it absorbs or scatters");
+    out.push(Finding::warning(&medium.path, what, "give the medium a `box`"));
 }
 
 /// Drops textures whose coordinates a mesh does not have, where no mesh of the material has them.

@@ -29,6 +29,37 @@ pub struct Scene {
     pub cameras: Vec<Camera>,
     /// `texels_per_metre` asked for by the scene's extras or the configuration file.
     pub texels_per_metre: Option<f32>,
+    /// What fills the air.
+    pub media: Vec<Medium>,
+}
+
+/// A homogeneous participating medium.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Medium {
+    /// Path for messages and the manifest.
+    pub path: String,
+    /// Scattering per metre.
+    pub sigma_s: Rgb,
+    /// Absorption per metre.
+    pub sigma_a: Rgb,
+    /// Mean cosine of scattering, Henyey-Greenstein.
+    pub g: f32,
+    /// Where it is.
+    pub region: Region,
+}
+
+/// Where a [`Medium`] is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Region {
+    /// Everywhere.
+    Everywhere,
+    /// In a box, metres in world space.
+    Box {
+        /// Lower corner.
+        min: Vec3,
+        /// Upper corner.
+        max: Vec3,
+    },
 }
 
 /// Geometry of one glTF primitive, in its mesh's own space. Always triangles.

@@ -226,6 +226,11 @@ impl<'a> Table<'a> {
         self.map.keys().map(String::as_str).filter(|k| k.starts_with(prefix)).collect()
     }
 
+    /// The value of a key that was found by [`Table::starting_with`].
+    pub(crate) fn value(&self, key: &str) -> Value {
+        self.map.get(key).cloned().unwrap_or_default()
+    }
+
     /// Reports keys that nobody asked for. In extras (`foreign`), where other tools keep their own
     /// words, only what looks like a slip of the pen is a warning.
     pub(crate) fn finish(self, foreign: bool, prefix: &str, out: &mut Findings) {

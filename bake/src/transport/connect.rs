@@ -46,6 +46,9 @@ impl Kernel<'_> {
         for _ in 0..MAX_LAYERS {
             *rays += 1;
             let hit = self.closest(&ray)?;
+            if let Some(media) = self.media {
+                through *= media.transmittance(ray.origin, ray.direction, hit.t);
+            }
             let (vertex, reflectance) = match self.encounter(&hit, ray.direction).onward(sequence) {
                 Onward::Absorbed => return None,
                 Onward::Through { tint, origin } => {

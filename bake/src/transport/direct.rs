@@ -190,8 +190,19 @@ impl Kernel<'_> {
         0.0 < ray.t_max && self.bvh.occluded(ray, opaque)
     }
 
-    /// What is left of light along a segment after everything it crosses: 0 behind an opaque surface.
+    /// What is left of light along a segment after all surfaces and media that it crosses: 0 behind an opaque surface.
     pub(crate) fn transmittance(&self, from: &Vertex, wi: Vec3A, t_max: f32, rays: &mut u32) -> Rgb {
+        let left = self.unblocked(from, wi, t_max, rays);
+        match self.media {
+            Some(media) if left != Vec3::ZERO => {
+                left * media.transmittance(from.position, wi, t_max.max(0.0))
+            }
+            _ => left,
+        }
+    }
+
+    /// What surfaces leave of light along a segment.
+    pub(crate) fn unblocked(&self, from: &Vertex, wi: Vec3A, t_max: f32, rays: &mut u32) -> Rgb {
         let ray: Ray = from.ray(wi, t_max);
         if t_max <= 0.0 {
             return Vec3::ONE;

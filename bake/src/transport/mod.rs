@@ -5,5 +5,6 @@ pub mod connect;
 pub mod direct;
 pub(crate) mod encounter;
 pub mod path;
+mod volume;
 
 pub use path::{Estimate, Kernel, Vertex};

@@ -8,7 +8,8 @@
 use crate::geom::world::SurfacePoint;
 use crate::geom::{Bvh, Hit, Ray, World};
 use crate::light::{Beams, Lights, SkyGuide};
-use crate::plan::Tracing;
+use crate::media::Media;
+use crate::plan::{MediaMode, Tracing};
 use crate::sample::Sequence;
 use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
 use crate::scene::model::{Rgb, Scene};
@@ -20,13 +21,13 @@ use glam::{Vec3, Vec3A};
 
 /// Throughput below which Russian roulette starts. It is a product of albedos, so the decision does
 /// not change with the strength of the lights.
-const ROULETTE_BELOW: f32 = 0.25;
+pub(crate) const ROULETTE_BELOW: f32 = 0.25;
 
 /// Reflections after which a path ends with a chance of at least `1 - DEEP_SURVIVAL` each.
-const DEEP: u32 = 64;
+pub(crate) const DEEP: u32 = 64;
 
 /// See [`DEEP`].
-const DEEP_SURVIVAL: f32 = 0.9;
+pub(crate) const DEEP_SURVIVAL: f32 = 0.9;
 
 /// Transparent layers that one ray may cross. Real scenes have a few dozen; the limit ends the
 /// walk through degenerate stacks.
@@ -59,6 +60,10 @@ pub struct Kernel<'a> {
     pub sky_guide: Option<&'a SkyGuide>,
     /// Where paths may end; without it they go on to the last reflection.
     pub cache: Option<&'a IrradianceCache>,
+    /// What weakens light on its way.
+    pub media: Option<&'a Media>,
+    /// Whether it scatters light as well.
+    pub scatters: bool,
 }
 
 /// Where a path starts or turns.
@@ -129,7 +134,7 @@ impl Vertex {
 impl<'a> Kernel<'a> {
     /// The kernel before anything is learnt.
     #[must_use]
-    pub fn new(scene: &'a Scene, tracing: &'a Tracing, bounces: Option<u32>) -> Self {
+    pub fn new(scene: &'a Scene, tracing: &'a Tracing, bounces: Option<u32>, media: MediaMode) -> Self {
         Self {
             scene,
             world: &tracing.world,
@@ -140,6 +145,8 @@ impl<'a> Kernel<'a> {
             landed: &[],
             sky_guide: None,
             cache: None,
+            media: tracing.media.as_ref().filter(|_| media != MediaMode::Off),
+            scatters: media == MediaMode::Reference,
         }
     }
 }
@@ -170,6 +177,11 @@ impl Kernel<'_> {
     }
 
     fn walk(&self, start: &Vertex, u: [f32; 2], part: Part, sequence: &mut Sequence) -> Estimate {
+        if self.scatters
+            && let Some(media) = self.media
+        {
+            return self.walk_media(media, start, u, part, sequence);
+        }
         let mut out = Estimate::default();
         let mut vertex = *start;
         let mut throughput = Vec3::ONE;
@@ -252,7 +264,11 @@ impl Kernel<'_> {
         let mut through = Vec3::ONE;
         for _ in 0..MAX_LAYERS {
             *rays += 1;
-            let Some(hit) = self.closest(&ray) else {
+            let hit = self.closest(&ray);
+            if let Some(media) = self.media {
+                through *= media.transmittance(ray.origin, wi, hit.map_or(f32::INFINITY, |h| h.t));
+            }
+            let Some(hit) = hit else {
                 let other = self.sky_density(from, wi);
                 leg.emitted += through * self.lights.sky.radiance(wi) * balance(pdf, other);
                 return leg;
@@ -318,7 +334,7 @@ impl LazyBeam {
 
 /// Weight of the one of two ways to sample that was taken, from their densities: \[Vea97\] eq. 9.8. A
 /// direction within the surface's plane has density 0 and brings nothing.
-fn balance(taken: f32, other: f32) -> f32 {
+pub(crate) fn balance(taken: f32, other: f32) -> f32 {
     if 0.0 < taken { taken / (taken + other) } else { 0.0 }
 }
 

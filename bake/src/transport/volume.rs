@@ -1,0 +1,342 @@
+//! The reference: unbiased paths that scatter in media.
+//!
+//! On every segment between surfaces light of lamps is scattered towards the ray at a place chosen by equi-angular sampling (\[KF12\]
+//! Kulla and Fajardo): from free-flight vertices it would have infinite variance near a lamp. The path itself goes on by free
+//! flight in the channel that one of the three, chosen by what they carry, asks for; weights are those of all three together
+//! (spectral multiple importance sampling, \[Vea97\] eq. 9.8), so coloured media stay bounded. Light of suns is taken where the path scatters.
+//! Emitters and sky are found from there by chance, from surfaces as ever.
+
+use crate::geom::ray::offset_distance;
+use crate::light::punctual::Incident;
+use crate::media::{Media, Segment, along};
+use crate::sample::Sequence;
+use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
+use crate::scene::model::Rgb;
+use crate::transport::direct::Part;
+use crate::transport::encounter::Onward;
+use crate::transport::path::{
+    DEEP, DEEP_SURVIVAL, Estimate, Kernel, MAX_LAYERS, ROULETTE_BELOW, Vertex, balance,
+};
+use glam::{Vec3, Vec3A};
+use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, PI};
+
+/// Up to this many lamps are all asked on each segment; of more, one.
+const ALL_LAMPS: usize = 4;
+
+/// Where a path is.
+enum Place {
+    /// At a surface, which chose the direction by cosine.
+    Surface(Vertex),
+    /// In a medium.
+    Air,
+}
+
+/// How a segment ended.
+enum End {
+    /// Scattered there, with this weight; mean cosine of the medium.
+    Scattered { at: f32, weight: Rgb, g: f32 },
+    /// Went through.
+    Through { weight: Rgb },
+}
+
+impl Kernel<'_> {
+    /// One path through surfaces and media, `E / pi`; see [`Kernel::estimate`].
+    pub(crate) fn walk_media(
+        &self,
+        media: &Media,
+        start: &Vertex,
+        u: [f32; 2],
+        part: Part,
+        sequence: &mut Sequence,
+    ) -> Estimate {
+        let mut out = Estimate::default();
+        let mut segments = Vec::new();
+        out.direct = self.direct(start, part, true, None, sequence, &mut out.rays);
+        let mut place = Place::Surface(*start);
+        let mut direction = Frame::new(start.shading_normal).to_world(square_to_cos_hemisphere(u));
+        let mut origin = start.ray(direction, f32::INFINITY).origin;
+        let mut throughput = Vec3::ONE;
+        let (mut reflections, mut travelled, mut layers) = (0u32, 0.0, 0u32);
+        // Neither reflected nor scattered yet.
+        let mut straight = true;
+        for depth in 1u32.. {
+            out.rays += 1;
+            let ray = crate::geom::Ray { origin, direction, t_max: f32::INFINITY };
+            let hit = self.closest(&ray);
+            let length = hit.map_or(f32::INFINITY, |h| h.t);
+            media.segments(origin, direction, length, &mut segments);
+            if !segments.is_empty() {
+                let inscattered =
+                    self.lamps_along(media, &segments, origin, direction, sequence, &mut out.rays);
+                out.indirect += throughput * inscattered;
+                match flight(&segments, throughput, sequence) {
+                    End::Scattered { at, weight, g } => {
+                        throughput *= weight;
+                        let p = origin + direction * at;
+                        out.indirect +=
+                            throughput * self.suns_at(media, p, direction, g, sequence, &mut out.rays);
+                        if !survives(&mut throughput, depth, sequence) {
+                            break;
+                        }
+                        let [a, b, _, _] = sequence.next4();
+                        direction = henyey_greenstein_direction(direction, g, [a, b]);
+                        origin = p;
+                        place = Place::Air;
+                        straight = false;
+                        travelled = 0.0;
+                        continue;
+                    }
+                    End::Through { weight } => throughput *= weight,
+                }
+                if throughput == Vec3::ZERO {
+                    break;
+                }
+            }
+            let pdf = match &place {
+                Place::Surface(v) => cos_hemisphere_pdf(direction.dot(v.shading_normal)),
+                Place::Air => 1.0,
+            };
+            let Some(hit) = hit else {
+                let other = match &place {
+                    Place::Surface(v) => self.sky_density(v, direction),
+                    Place::Air => 0.0,
+                };
+                let sky = throughput * self.lights.sky.radiance(direction) * balance(pdf, other);
+                *(if straight { &mut out.direct } else { &mut out.indirect }) += sky;
+                break;
+            };
+            travelled += hit.t;
+            let met = self.encounter(&hit, direction);
+            if met.emits {
+                let other = match &place {
+                    Place::Surface(v) => self.lights.emitters.pdf(
+                        v.position,
+                        v.shading_normal,
+                        hit.triangle,
+                        direction,
+                        travelled,
+                    ),
+                    Place::Air => 0.0,
+                };
+                let emitted = throughput * met.shade.emission * balance(pdf, other);
+                *(if straight { &mut out.direct } else { &mut out.indirect }) += emitted;
+            }
+            match met.onward(sequence) {
+                Onward::Absorbed => break,
+                Onward::Through { tint, origin: behind } => {
+                    throughput *= tint;
+                    origin = behind;
+                    layers += 1;
+                    if layers == MAX_LAYERS {
+                        break;
+                    }
+                    continue;
+                }
+                Onward::Reflected { vertex, reflectance } => {
+                    throughput *= reflectance;
+                    if throughput == Vec3::ZERO || self.bounces.is_some_and(|n| n <= reflections) {
+                        break;
+                    }
+                    reflections += 1;
+                    let direct = self.direct(&vertex, Part::All, false, None, sequence, &mut out.rays);
+                    out.indirect += throughput * direct;
+                    if !survives(&mut throughput, depth, sequence) {
+                        break;
+                    }
+                    let [a, b, _, _] = sequence.next4();
+                    direction = Frame::new(vertex.shading_normal).to_world(square_to_cos_hemisphere([a, b]));
+                    origin = vertex.ray(direction, f32::INFINITY).origin;
+                    place = Place::Surface(vertex);
+                    straight = false;
+                    travelled = 0.0;
+                    layers = 0;
+                }
+            }
+        }
+        out
+    }
+
+    /// Light of lamps that is scattered once towards the ray's origin, nits.
+    fn lamps_along(
+        &self,
+        media: &Media,
+        segments: &[Segment],
+        origin: Vec3A,
+        direction: Vec3A,
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Rgb {
+        let lamps = &self.lights.punctual;
+        if lamps.is_empty() {
+            return Vec3::ZERO;
+        }
+        let [a, b, _, _] = sequence.next4();
+        let (ask, weight) = if lamps.len() <= ALL_LAMPS {
+            (0..lamps.len(), 1.0)
+        } else {
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index")]
+            let i = ((b * lamps.len() as f32) as usize).min(lamps.len() - 1);
+            (i..i + 1, lamps.len() as f32)
+        };
+        let (from, to) = (segments[0].from, segments[segments.len() - 1].to);
+        let mut sum = Vec3::ZERO;
+        for (k, i) in ask.enumerate() {
+            let u = (a + 0.618_034 * k as f32).fract();
+            let to_lamp = lamps[i].position() - origin;
+            let Some((t, pdf)) = equi_angular(to_lamp, direction, from, to, u) else { continue };
+            let Some(segment) = segments.iter().find(|s| s.from <= t && t <= s.to) else { continue };
+            let p = origin + direction * t;
+            let Some(light) = lamps[i].incident(p) else { continue };
+            let arriving = self.scattered(media, p, direction, segment.g, &light, rays);
+            sum += transmittance(segments, t) * segment.sigma_s * arriving * (weight / pdf);
+        }
+        sum
+    }
+
+    /// Light of suns at a place where the path scatters, nits per unit of throughput.
+    fn suns_at(
+        &self,
+        media: &Media,
+        p: Vec3A,
+        direction: Vec3A,
+        g: f32,
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Rgb {
+        if self.lights.suns.is_empty() {
+            return Vec3::ZERO;
+        }
+        let [a, b, _, _] = sequence.next4();
+        self.lights
+            .suns
+            .iter()
+            .enumerate()
+            .map(|(i, sun)| {
+                let shift = i as f32 * 0.618_034;
+                let light = sun.sample([(a + shift).fract(), (b + 2.0 * shift).fract()]);
+                self.scattered(media, p, direction, g, &light, rays)
+            })
+            .sum()
+    }
+
+    /// Radiance that a place scatters back along `direction`, of a light that it may see, per unit of sigma_s.
+    fn scattered(
+        &self,
+        media: &Media,
+        p: Vec3A,
+        direction: Vec3A,
+        g: f32,
+        light: &Incident,
+        rays: &mut u32,
+    ) -> Rgb {
+        let phase = henyey_greenstein(g, light.wi.dot(direction));
+        let slack = offset_distance((p + light.wi * light.distance).abs().max_element());
+        let t_max = if light.distance.is_finite() { light.distance - slack } else { f32::INFINITY };
+        let from = Vertex {
+            position: p,
+            geometric_normal: Vec3A::ZERO,
+            shading_normal: Vec3A::ZERO,
+            offset: 0.0,
+            open: false,
+        };
+        let left = media.transmittance(p, light.wi, light.distance);
+        if left == Vec3::ZERO {
+            return Vec3::ZERO;
+        }
+        light.illuminance * left * phase * self.unblocked(&from, light.wi, t_max, rays)
+    }
+}
+
+/// Russian roulette by what is left of the throughput.
+fn survives(throughput: &mut Rgb, depth: u32, sequence: &mut Sequence) -> bool {
+    let limit = if depth < DEEP { 1.0 } else { DEEP_SURVIVAL };
+    let survival = (throughput.max_element() / ROULETTE_BELOW).min(limit);
+    if survival < 1.0 {
+        if survival <= sequence.next4()[2] {
+            return false;
+        }
+        *throughput /= survival;
+    }
+    true
+}
+
+/// What is left of light along the first `t` metres.
+fn transmittance(segments: &[Segment], t: f32) -> Rgb {
+    let mut depth = Vec3::ZERO;
+    for s in segments {
+        if s.from < t {
+            depth += along(s.sigma_t, t.min(s.to) - s.from);
+        }
+    }
+    (-depth).exp()
+}
+
+/// Free flight: where the path scatters, or that it does not.
+fn flight(segments: &[Segment], throughput: Rgb, sequence: &mut Sequence) -> End {
+    let [a, b, _, _] = sequence.next4();
+    let chances = throughput / throughput.element_sum();
+    let channel = if a < chances.x {
+        0
+    } else if a < chances.x + chances.y {
+        1
+    } else {
+        2
+    };
+    let mut wanted = -(1.0 - b).ln();
+    let mut depth = Vec3::ZERO;
+    for s in segments {
+        let here = along(s.sigma_t, s.to - s.from);
+        if wanted < here[channel] {
+            let length = wanted / s.sigma_t[channel];
+            let left = (-(depth + along(s.sigma_t, length))).exp();
+            // Densities of a place in each channel.
+            let density = chances.dot(s.sigma_t * left);
+            let weight = if 0.0 < density { s.sigma_s * left / density } else { Vec3::ZERO };
+            return End::Scattered { at: s.from + length, weight, g: s.g };
+        }
+        wanted -= here[channel];
+        depth += here;
+    }
+    let left = (-depth).exp();
+    let chance = chances.dot(left);
+    End::Through { weight: if 0.0 < chance { left / chance } else { Vec3::ZERO } }
+}
+
+/// A place between `from` and `to` along a ray, by the angle that it is seen under from a lamp, and its density per metre.
+fn equi_angular(to_lamp: Vec3A, direction: Vec3A, from: f32, to: f32, u: f32) -> Option<(f32, f32)> {
+    let nearest = to_lamp.dot(direction);
+    let aside = (to_lamp - direction * nearest).length();
+    // A ray through the lamp itself: as if it passed by at the rounding of its place.
+    let aside = aside.max(1e-6 * to_lamp.length());
+    if !(0.0 < aside && from < to) {
+        return None;
+    }
+    let begin = ((from - nearest) / aside).atan();
+    let end = if to.is_finite() { ((to - nearest) / aside).atan() } else { FRAC_PI_2 };
+    let x = aside * (begin + (end - begin) * u).tan();
+    let pdf = aside / ((end - begin) * (aside * aside + x * x));
+    let t = (nearest + x).clamp(from, to);
+    (0.0 < pdf && pdf.is_finite() && t.is_finite()).then_some((t, pdf))
+}
+
+/// Henyey-Greenstein phase function, per steradian; `x` is the cosine between the directions of travel.
+fn henyey_greenstein(g: f32, x: f32) -> f32 {
+    let d = (1.0 - g) * (1.0 - g) + 2.0 * g * (1.0 - x).max(0.0);
+    0.25 * FRAC_1_PI * (1.0 - g * g) / (d * d.sqrt())
+}
+
+/// A direction of travel after scattering, by the phase function; seen from the receiver backwards, which is the same.
+fn henyey_greenstein_direction(direction: Vec3A, g: f32, u: [f32; 2]) -> Vec3A {
+    let cos = if g.abs() < 1e-3 {
+        // To first order in g, where the closed form cancels.
+        let x = 2.0 * u[0] - 1.0;
+        x + 1.5 * g * (1.0 - x * x)
+    } else {
+        let q = (1.0 - g * g) / (1.0 - g + 2.0 * g * u[0]);
+        (1.0 + g * g - q * q) / (2.0 * g)
+    }
+    .clamp(-1.0, 1.0);
+    let sin = (1.0 - cos * cos).sqrt();
+    let (y, x) = (2.0 * PI * u[1]).sin_cos();
+    Frame::new(direction).to_world(Vec3A::new(sin * x, sin * y, cos))
+}
