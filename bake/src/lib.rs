@@ -3,7 +3,7 @@
 //! Data flows one way, and each module uses only those before it:
 //!
 //! ```text
-//! tables -> error -> sample -> scene -> geom -> light -> plan -> transport -> solve -> output -> files
+//! tables -> error -> sample -> scene -> geom -> media -> light -> plan -> transport -> solve -> output -> files
 //! files -> compare;  cli stands above all
 //! ```
 //!
@@ -15,7 +15,7 @@
 //! | [`output`] | solved texels | a folder: pages, `scene.glb`, manifest |
 //! | [`compare`] | two folders or EXRs | error figures and a verdict |
 //!
-//! [`geom`], [`light`] and [`sample`] are what these stand on. Units and words are explained in
+//! [`geom`], [`media`], [`light`] and [`sample`] are what these stand on. Units and words are explained in
 //! [`tables`]; what is approximated is listed in the README under "Where it is wrong".
 //!
 //! Nothing but [`cli`] prints. Nothing after [`plan`] reports errors of the input. No result depends

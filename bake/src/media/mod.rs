@@ -4,7 +4,7 @@
 //! [`crate::geom::World::origin`], coefficients per metre.
 
 use crate::scene::model::{Medium, Region, Rgb, Scene};
-use glam::{Vec3, Vec3A};
+use glam::{Affine3A, Vec3, Vec3A};
 
 /// All media of a scene.
 #[derive(Clone, Debug)]
@@ -34,9 +34,15 @@ impl Media {
         let mut bodies = scene.media.clone();
         bodies.retain(|b| b.sigma_s + b.sigma_a != Vec3::ZERO);
         for b in &mut bodies {
-            if let Region::Box { min, max } = &mut b.region {
-                *min -= origin;
-                *max -= origin;
+            match &mut b.region {
+                Region::Everywhere => {}
+                Region::Box { min, max } => {
+                    *min -= origin;
+                    *max -= origin;
+                }
+                Region::Turned { unit_from_world } => {
+                    *unit_from_world = *unit_from_world * Affine3A::from_translation(origin);
+                }
             }
         }
         (!bodies.is_empty()).then_some(Self { bodies })
@@ -96,7 +102,19 @@ pub fn along(sigma: Rgb, length: f32) -> Rgb {
 
 /// From where to where a ray is inside a region; the first is not below the second if it never is.
 fn overlap(region: &Region, origin: Vec3A, direction: Vec3A, t_max: f32) -> (f32, f32) {
-    let Region::Box { min, max } = region else { return (0.0, t_max) };
+    match region {
+        Region::Everywhere => (0.0, t_max),
+        Region::Box { min, max } => slabs(*min, *max, origin, direction, t_max),
+        Region::Turned { unit_from_world } => {
+            let origin = unit_from_world.transform_point3a(origin);
+            // Not normalised, so that lengths along the ray stay what they are.
+            let direction = unit_from_world.transform_vector3a(direction);
+            slabs(Vec3::ZERO, Vec3::ONE, origin, direction, t_max)
+        }
+    }
+}
+
+fn slabs(min: Vec3, max: Vec3, origin: Vec3A, direction: Vec3A, t_max: f32) -> (f32, f32) {
     let (mut from, mut to) = (0.0f32, t_max);
     for axis in 0..3 {
         let (o, d) = (origin[axis], direction[axis]);
@@ -169,6 +187,25 @@ mod tests {
                 assert!((0.0..=5.0).contains(&d), "{origin:?} {direction:?}: {d}");
             }
         }
+    }
+
+    #[test]
+    fn turned_boxes_are_where_they_are() {
+        // The cube [0, 1]^3, twice as long along x, turned by 90 degrees about z, and moved.
+        let world_from_unit = Affine3A::from_translation(vec3(5.0, 0.0, 0.0))
+            * Affine3A::from_rotation_z(std::f32::consts::FRAC_PI_2)
+            * Affine3A::from_scale(vec3(2.0, 1.0, 1.0));
+        let region = Region::Turned { unit_from_world: world_from_unit.inverse() };
+        let scene = Scene { media: vec![body(1.0, 0.0, 0.0, region)], ..Scene::default() };
+        let origin = vec3(0.25, 0.5, -8.0);
+        let m = Media::new(&scene, origin).expect("media");
+        let at = |p: [f32; 3]| Vec3A::from(Vec3::from(p) - origin);
+        let depth = |p, d: [f32; 3]| m.optical_depth(at(p), d.into(), f32::INFINITY).x;
+        assert!((depth([4.5, -3.0, 0.5], [0.0, 1.0, 0.0]) - 2.0).abs() < 1e-5);
+        assert!((depth([0.0, 1.0, 0.5], [1.0, 0.0, 0.0]) - 1.0).abs() < 1e-5);
+        assert_eq!(depth([5.5, -3.0, 0.5], [0.0, 1.0, 0.0]), 0.0);
+        let d = vec3(0.0, 0.6, 0.8);
+        assert!((depth([4.5, 1.0, 0.0], d.to_array()) - 1.25).abs() < 1e-5, "from inside, through a side");
     }
 
     #[test]

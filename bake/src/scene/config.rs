@@ -9,7 +9,7 @@ use super::{
     document::InputFile,
     findings::Findings,
     model::{Light, LightKind, LightMode, LightmapMode, Medium, Region, Sky},
-    read::{Table, floats, index_of, scalar},
+    read::{Table, floats, index_of, scalar, shown},
     sky,
 };
 use crate::error::{Error, Finding};
@@ -167,14 +167,49 @@ fn json(value: toml::Value) -> Value {
 
 const MEDIUM_PREFIX: &str = "medium_";
 
-/// Media of nodes are known but not yet simulated: one finding names them.
-fn node_medium(t: &mut Table<'_>, out: &mut Findings) {
-    let mut names: Vec<&str> = ["medium"].into_iter().filter(|k| t.get(k).is_some()).collect();
-    names.extend(t.starting_with(MEDIUM_PREFIX));
-    if let Some(first) = names.first() {
-        let what = format!("media of nodes are not simulated by this version; ignored: {}", names.join(", "));
-        out.push(Finding::warning(t.at(first), what, "write `media` with a `box` in the scene's extras"));
+/// Whether words of a node speak of a medium; its region is the node's own, which only the file's extras can name.
+fn has_medium(t: &mut Table<'_>) -> Option<String> {
+    let named = t.get("medium").is_some().then(|| t.at("medium"));
+    named.or_else(|| t.starting_with(MEDIUM_PREFIX).first().map(|k| t.at(k)))
+}
+
+/// The medium that a node's extras put in place of its mesh; the region is not set.
+pub(crate) fn node_medium(extras: &Value, path: &str, out: &mut Findings) -> Option<Medium> {
+    let map = extras.as_object()?;
+    let flat: Map<String, Value> = map
+        .iter()
+        .filter_map(|(k, v)| Some((k.strip_prefix(MEDIUM_PREFIX)?.to_owned(), v.clone())))
+        .collect();
+    let (mut words, at) = match map.get("medium") {
+        Some(Value::Object(words)) => (words.clone(), format!("{path}.medium")),
+        Some(other) if !other.is_null() => {
+            let what = format!("{} is not a table of words", shown(other));
+            out.push(Finding::error(format!("{path}.medium"), what, "write {\"sigma_s\": 0.1, ...}"));
+            return None;
+        }
+        _ if flat.is_empty() => return None,
+        _ => (flat, path.to_owned()),
+    };
+    let shape = words.remove("shape");
+    if shape.as_ref().and_then(Value::as_str) != Some("box") {
+        let what = "media in the shape of a mesh are not simulated by this version";
+        out.push(Finding::error(
+            format!("{at}.shape"),
+            what,
+            "write \"shape\": \"box\" for the mesh's bounds",
+        ));
+        return None;
     }
+    if words.contains_key("box") {
+        let what = "the medium of a node is where the node is";
+        out.push(Finding::error(
+            format!("{at}.box"),
+            what,
+            "remove `box`, or move the medium to the scene's extras",
+        ));
+        return None;
+    }
+    medium(&Value::Object(words), &at, out)
 }
 
 /// Reads `media`, and the flat words that some exporters write.
@@ -327,7 +362,10 @@ impl NodeWords {
             mode: mode(&mut t, out),
             angular_diameter: angular_diameter(&mut t, out),
         };
-        node_medium(&mut t, out);
+        if let Some(at) = has_medium(&mut t).filter(|_| !foreign) {
+            let what = "a medium in the place of a node is read from the node's extras alone; ignored";
+            out.push(Finding::warning(at, what, "write `media` with a `box`, or set the extras"));
+        }
         t.finish(foreign, MEDIUM_PREFIX, out);
         words
     }

@@ -2,11 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use glam::Vec3;
+use glam::{Affine3A, Quat, Vec3};
 use serde_json::Value;
 
 use super::{
-    config::{Config, NodeWords, SceneWords},
+    config::{self, Config, NodeWords, SceneWords},
     document::Document,
     findings::Findings,
     gltf_material, gltf_mesh,
@@ -71,7 +71,7 @@ pub fn load(doc: &Document, config: &Config, options: &LoadOptions) -> (Scene, V
         let used: BTreeSet<usize> = scene.surfaces.iter().map(|s| s.material).collect();
         (scene.materials, scene.images) = gltf_material::load(doc, &used, metals_black, &mut out);
         lamps(&mut scene.lights, &extras.lamps, &config.scene.lamps);
-        scene.media = extras.media;
+        scene.media.extend(extras.media);
         scene.media.extend(config.scene.media.iter().cloned());
         check_uv_sets(&mut scene, &mut out);
         ensure_light(&mut scene, wished, &mut out);
@@ -181,15 +181,20 @@ impl Builder<'_> {
         for at in placed {
             let json = self.tree.node(at.node);
             let mut words = index.find(self.tree, at.node);
+            let mut medium = None;
             if let Some(extras) = json.get("extras") {
                 let path = format!("nodes[{}].extras", at.node);
                 words = words.over(NodeWords::read(extras, &path, true, self.out));
+                medium = config::node_medium(extras, &path, self.out);
             }
             let light = gltf_nodes::light(self.doc, self.tree, at, self.options.light_units, words, self.out);
             self.scene.lights.extend(light);
             let camera: Option<Camera> = gltf_nodes::camera(self.doc, self.tree, at, self.out);
             self.scene.cameras.extend(camera);
-            if json.get("mesh").is_some() {
+            if let Some(medium) = medium {
+                // In the place of the mesh, which is not a surface then.
+                self.medium(at, json, medium, &mut budget);
+            } else if json.get("mesh").is_some() {
                 self.surfaces(at, json, words, &mut budget);
             }
         }
@@ -197,6 +202,32 @@ impl Builder<'_> {
         index.finish(&names, self.out);
         let used: BTreeSet<usize> = self.meshes.keys().map(|(mesh, _)| *mesh).collect();
         super::check::unused_meshes(self.doc, &used, &mut budget, self.out);
+    }
+
+    /// A medium in the bounds of a node's mesh.
+    fn medium(&mut self, at: &Placed, json: &Value, medium: Medium, budget: &mut gltf_mesh::Budget) {
+        let place = format!("nodes[{}]", at.node);
+        let mesh = json.get("mesh").and_then(index_of);
+        let count = mesh
+            .and_then(|m| self.doc.json["meshes"].get(m)?["primitives"].as_array().map(Vec::len))
+            .unwrap_or(0);
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for p in 0..count {
+            if let Some(index) = mesh.and_then(|m| self.mesh(m, p, budget)) {
+                low = low.min(self.corners[index][0]);
+                high = high.max(self.corners[index][7]);
+            }
+        }
+        let world_from_unit = gltf_nodes::single_affine(at.world)
+            * Affine3A::from_scale_rotation_translation(high - low, Quat::IDENTITY, low);
+        let unit_from_world = world_from_unit.inverse();
+        if !(low.cmplt(high).all() && world_from_unit.is_finite() && unit_from_world.is_finite()) {
+            let what = "a medium needs the bounds of a mesh with a volume";
+            self.out.push(Finding::error(place, what, "give the node a mesh, and no scale of 0"));
+            return;
+        }
+        let region = Region::Turned { unit_from_world };
+        self.scene.media.push(Medium { path: self.tree.path(at.node), region, ..medium });
     }
 
     fn surfaces(&mut self, at: &Placed, json: &Value, words: NodeWords, budget: &mut gltf_mesh::Budget) {

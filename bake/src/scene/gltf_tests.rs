@@ -14,7 +14,7 @@ use super::{
     config::Config,
     document::Document,
     gltf::{LightUnits, LoadOptions, load},
-    model::{LightKind, LightMode, LightmapMode, Scene, Sky},
+    model::{LightKind, LightMode, LightmapMode, Region, Scene, Sky},
 };
 use crate::error::{Error, Finding, Severity};
 
@@ -211,6 +211,63 @@ fn words_have_their_precedence() {
         text.iter().any(|t| t.contains("medium_sigma_s"))
             && text.iter().any(|t| t.contains("nodes.\"tree\""))
     );
+}
+
+/// A node's medium takes the place of its mesh, wherever the node is put.
+#[test]
+fn media_of_nodes_fill_their_bounds() {
+    let slanted: [f32; 9] = [0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 1.0, 1.0];
+    let fog = |extras: Value| {
+        triangle(|j| {
+            j["buffers"]
+                .as_array_mut()
+                .expect("buffers")
+                .push(json!({"byteLength": 36, "uri": data(bytemuck::cast_slice(&slanted))}));
+            j["bufferViews"].as_array_mut().expect("views").push(json!({"buffer": 1, "byteLength": 36}));
+            j["accessors"].as_array_mut().expect("accessors").push(
+                json!({"bufferView": 1, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [2, 1, 1]}),
+            );
+            j["meshes"]
+                .as_array_mut()
+                .expect("meshes")
+                .push(json!({"primitives": [{"attributes": {"POSITION": 1}}]}));
+            j["nodes"].as_array_mut().expect("nodes").push(json!({
+                "name": "fog", "mesh": 1, "translation": [10, 0, 0], "scale": [1, 3, 1],
+                "rotation": [0, 0.707_106_77, 0, 0.707_106_77], "extras": extras
+            }));
+            j["scenes"][0]["nodes"] = json!([0, 1]);
+        })
+        .expect("opens")
+    };
+    for extras in [
+        json!({"medium": {"shape": "box", "sigma_s": 0.5, "g": 0.25}}),
+        json!({"medium_shape": "box", "medium_sigma_s": 0.5, "medium_g": 0.25}),
+    ] {
+        let (scene, findings) = fog(extras);
+        assert!(errors(&findings).is_empty(), "{findings:?}");
+        assert_eq!(scene.surfaces.len(), 1, "the fog is no surface");
+        let [medium] = &scene.media[..] else { panic!("{:?}", scene.media) };
+        assert_eq!((medium.path.as_str(), medium.sigma_s, medium.g), ("fog", Vec3::splat(0.5), 0.25));
+        let Region::Turned { unit_from_world } = medium.region else { panic!("{medium:?}") };
+        // The corner (2, 1, 1), scaled to (2, 3, 1), turned about y to (1, 3, -2), moved.
+        let corner = unit_from_world.transform_point3(Vec3::new(11.0, 3.0, -2.0));
+        assert!(corner.abs_diff_eq(Vec3::ONE, 1e-5), "{corner}");
+    }
+    for (extras, place) in [
+        (json!({"medium": 3}), "nodes[1].extras.medium"),
+        (json!({"medium": {"sigma_s": 1}}), "nodes[1].extras.medium.shape"),
+        (json!({"medium": {"shape": "box", "g": 0.5}}), "nodes[1].extras.medium"),
+        (json!({"medium": {"shape": "box", "sigma_s": 1, "box": {}}}), "nodes[1].extras.medium.box"),
+    ] {
+        let (_, findings) = fog(extras.clone());
+        let first = errors(&findings).first().map(|f| f.path.clone());
+        assert_eq!(first.as_deref(), Some(place), "{extras}");
+    }
+    let (_, findings) = triangle(|j| {
+        j["nodes"][0]["extras"] = json!({"medium": {"shape": "box", "sigma_s": 1}});
+    })
+    .expect("opens");
+    assert!(errors(&findings).iter().any(|f| f.what.contains("volume")), "flat: {findings:?}");
 }
 
 #[test]

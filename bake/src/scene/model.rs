@@ -60,6 +60,11 @@ pub enum Region {
         /// Upper corner.
         max: Vec3,
     },
+    /// In a box that may be turned and sheared: where this leads into the unit cube.
+    Turned {
+        /// World space to the space of the cube [0, 1]^3.
+        unit_from_world: Affine3A,
+    },
 }
 
 /// Geometry of one glTF primitive, in its mesh's own space. Always triangles.
