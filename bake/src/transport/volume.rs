@@ -340,3 +340,128 @@ fn henyey_greenstein_direction(direction: Vec3A, g: f32, u: [f32; 2]) -> Vec3A {
     let (y, x) = (2.0 * PI * u[1]).sin_cos();
     Frame::new(direction).to_world(Vec3A::new(sin * x, sin * y, cos))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::vec3;
+
+    fn sequences() -> impl Iterator<Item = Sequence> {
+        (0..20_000).map(|i| Sequence::new(7, i))
+    }
+
+    /// Directions have the mean cosine g, and as many of them go forward as the density says.
+    #[test]
+    fn scattered_directions_follow_the_phase_function() {
+        let axis = vec3(0.36, -0.48, 0.8).normalize().into();
+        for g in [-0.95, -0.5, -5e-4, 0.0, 5e-4, 0.3, 0.9f32] {
+            let (mut mean, mut half, mut n) = (0.0f64, 0.0f64, 0.0f64);
+            for mut s in sequences() {
+                let [a, b, _, _] = s.next4();
+                let d = henyey_greenstein_direction(axis, g, [a, b]);
+                assert!((d.length() - 1.0).abs() < 1e-5);
+                let cos = f64::from(d.dot(axis));
+                mean += cos;
+                half += f64::from(u8::from(0.0 < cos));
+                n += 1.0;
+            }
+            assert!((mean / n - f64::from(g)).abs() < 2e-3, "g {g}: mean cosine {}", mean / n);
+            // Midpoints over the cosine, of the density over the forward half.
+            let m = 20_000;
+            let density = |i: i32| henyey_greenstein(g, (i as f32 + 0.5) / m as f32);
+            let want: f64 = (0..m).map(|i| f64::from(density(i)) * 2.0 * f64::from(PI) / f64::from(m)).sum();
+            assert!((half / n - want).abs() < 3e-3, "g {g}: {} forward, {want} wanted", half / n);
+        }
+    }
+
+    /// The density belongs to the places: the mean of its inverse is the length, of f / pdf the integral of f.
+    #[test]
+    fn equi_angular_places_have_their_density() {
+        for (lamp, from, to) in [
+            (vec3(0.0, 0.5, 2.0), 0.0, 5.0),
+            (vec3(0.0, 0.01, 2.0), 1.0, 3.0),
+            (vec3(1.0, 0.0, -3.0), 0.0, 4.0),
+        ] {
+            let lamp = Vec3A::from(lamp);
+            let (mut length, mut light, mut n) = (0.0f64, 0.0f64, 0.0f64);
+            for mut s in sequences() {
+                let (t, pdf) = equi_angular(lamp, Vec3A::Z, from, to, s.next4()[0]).expect("a place");
+                assert!(from <= t && t <= to);
+                length += f64::from(pdf).recip();
+                light += f64::from((lamp - Vec3A::Z * t).length_squared() * pdf).recip();
+                n += 1.0;
+            }
+            assert!((length / n / f64::from(to - from) - 1.0).abs() < 0.02, "{lamp}: {}", length / n);
+            let aside = f64::from(lamp.truncate().length());
+            let angle = |t: f32| (f64::from(t - lamp.z) / aside).atan();
+            let want = (angle(to) - angle(from)) / aside;
+            assert!((light / n / want - 1.0).abs() < 1e-3, "{lamp}: {} {want}", light / n);
+        }
+        // Through the lamp, from the lamp, without a length.
+        assert!(equi_angular(Vec3A::Z * 2.0, Vec3A::Z, 0.0, 5.0, 0.3).is_some());
+        assert!(equi_angular(Vec3A::ZERO, Vec3A::Z, 0.0, 5.0, 0.3).is_none());
+        assert!(equi_angular(Vec3A::X, Vec3A::Z, 1.0, 1.0, 0.3).is_none());
+        assert!(equi_angular(Vec3A::X, Vec3A::Z, 0.0, f32::INFINITY, 0.999).is_some());
+    }
+
+    /// In the mean a path goes through with the transmittance of each channel, and scatters with the albedo of the rest,
+    /// whatever channel it carries most of.
+    #[test]
+    fn free_flight_keeps_the_energy_of_every_channel() {
+        let thin = Segment {
+            from: 0.5,
+            to: 1.5,
+            sigma_s: vec3(0.1, 0.5, 2.0),
+            sigma_t: vec3(0.1, 1.0, 2.5),
+            g: 0.0,
+        };
+        let dense = Segment {
+            from: 2.0,
+            to: 2.25,
+            sigma_s: vec3(1.0, 1.0, 0.0),
+            sigma_t: vec3(2.0, 1.0, 4.0),
+            g: 0.5,
+        };
+        let first = (-thin.sigma_t).exp();
+        let through = first * (-dense.sigma_t * 0.25).exp();
+        let scattered =
+            thin.sigma_s / thin.sigma_t * (1.0 - first) + dense.sigma_s / dense.sigma_t * (first - through);
+        for throughput in [Vec3::ONE, vec3(1.0, 0.1, 0.01), vec3(0.0, 0.0, 3.0)] {
+            let (mut went, mut stayed, mut n) = (Vec3::ZERO, Vec3::ZERO, 0.0);
+            for mut s in sequences() {
+                match flight(&[thin, dense], throughput, &mut s) {
+                    End::Through { weight } => went += weight,
+                    End::Scattered { at, weight, g } => {
+                        assert!((0.5..=1.5).contains(&at) && g == 0.0 || (2.0..=2.25).contains(&at));
+                        stayed += weight;
+                    }
+                }
+                n += 1.0;
+            }
+            // Channels that carry nothing need not be right.
+            let carried = Vec3::select(throughput.cmpgt(Vec3::ZERO), Vec3::ONE, Vec3::ZERO);
+            let off = (went / n - through) * carried;
+            assert!(off.abs().max_element() < 0.02, "{throughput}: {} {through}", went / n);
+            let off = (stayed / n - scattered) * carried;
+            assert!(off.abs().max_element() < 0.03, "{throughput}: {} {scattered}", stayed / n);
+        }
+    }
+
+    #[test]
+    fn endless_media_always_scatter() {
+        let fog = Segment {
+            from: 0.0,
+            to: f32::INFINITY,
+            sigma_s: vec3(0.1, 0.0, 0.0),
+            sigma_t: vec3(0.1, 0.0, 1.0),
+            g: 0.0,
+        };
+        for mut s in sequences().take(2000) {
+            match flight(&[fog], Vec3::ONE, &mut s) {
+                End::Scattered { at, weight, .. } => assert!(at.is_finite() && weight.is_finite()),
+                // The green channel meets nothing.
+                End::Through { weight } => assert!(weight.x == 0.0 && weight.z == 0.0 && weight.is_finite()),
+            }
+        }
+    }
+}
