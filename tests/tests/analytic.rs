@@ -197,3 +197,26 @@ fn absorbing_slab_weakens_the_sun() {
         check_all(&format!("slab, {mode}"), &baked, |_, _| DVec3::from(want));
     }
 }
+
+/// Fog that thins out with height, under a sun: the integral to the sky in closed form, and of all light that unbiased paths
+/// scatter nothing is lost in a furnace.
+#[test]
+fn height_fog_weakens_the_sun_and_keeps_a_furnace() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let medium = "{ sigma_a = [0.1, 0.3, 1], density = { height = { base = 0.5, falloff = 2 } } }";
+    let config = fog(&dir, medium);
+    let direction = Vec3::new(0.3, -1.0, 0.4).normalize();
+    let cos = f64::from(-direction.y);
+    // From the floor at y = 0 upwards.
+    let metres = 2.0 * 0.25f64.exp() / cos;
+    let want = [0.1, 0.3, 1.0].map(|s| 1000.0 * cos / PI * (-s * metres).exp());
+    for mode in ["attenuate", "reference"] {
+        let args = ["--samples", "16", "--texels-per-metre", "5", "--media", mode, "--config", &config];
+        let baked = tool::baked(&open::under_sun(1000.0, direction, 0.0), &args);
+        check_all(&format!("height fog, {mode}"), &baked, |_, _| DVec3::from(want));
+    }
+    let config = fog(&dir, "{ sigma_s = [0.5, 1, 2], g = 0.3, density = { height = { falloff = 0.5 } } }");
+    let args = ["--samples", "256", "--texels-per-metre", "4", "--media", "reference", "--config", &config];
+    let baked = tool::baked(&closed::furnace(0.5, 1.0), &args);
+    check("furnace with height fog", &baked.cases(any, |_, _| DVec3::splat(2.0)), 3 * 90);
+}

@@ -172,3 +172,11 @@ fn an_interrupted_bake_leaves_the_earlier_one_as_it_was() {
     let names = fs::read_dir(dir.path().join("out")).unwrap().count();
     assert_eq!(names, before.len() + 1, "only timings.json is there besides");
 }
+
+#[test]
+fn the_version_names_the_tables() {
+    let dir = tempfile::tempdir().unwrap();
+    let done = tool::bake(&["--version"], dir.path()).expect(0);
+    assert!(done.stdout.contains("response tables: default preset"), "{done}");
+    assert_eq!(tool::bake(&["-V"], dir.path()).expect(0).stdout.lines().count(), 1);
+}

@@ -2,26 +2,23 @@
 
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
-use std::sync::LazyLock;
 
 /// Bakes a glTF scene into lightmaps: headless, deterministic, with an error figure on everything.
 #[derive(Debug, Parser)]
-#[command(name = "bake", version, long_version = versions(), about, propagate_version = true, max_term_width = 100)]
+#[command(name = "bake", version, about, propagate_version = true, max_term_width = 100)]
 pub(crate) struct Args {
     #[command(subcommand)]
     pub(crate) command: Command,
 }
 
-/// What `--version` says: the program's own, and which response tables are inside.
-fn versions() -> &'static str {
-    static TEXT: LazyLock<String> = LazyLock::new(|| {
-        let tables = match tables::table::Tables::embedded() {
-            Ok(t) => format!("{} preset, {} bytes, BLAKE3 {}", t.header().preset, t.bytes(), t.checksum()),
-            Err(e) => e.to_string(),
-        };
-        format!("{}\nresponse tables: {tables}", env!("CARGO_PKG_VERSION"))
-    });
-    &TEXT
+/// What `--version` says: the program's own, and which response tables are inside. Reading them costs memory, so it is done only
+/// when asked for.
+pub(crate) fn versions() -> String {
+    let tables = match tables::table::Tables::embedded() {
+        Ok(t) => format!("{} preset, {} bytes, BLAKE3 {}", t.header().preset, t.bytes(), t.checksum()),
+        Err(e) => e.to_string(),
+    };
+    format!("{}\nresponse tables: {tables}", env!("CARGO_PKG_VERSION"))
 }
 
 #[derive(Debug, Subcommand)]

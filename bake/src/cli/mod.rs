@@ -16,13 +16,17 @@ mod stopwatch;
 
 use crate::error::Error;
 use args::{Args, Command};
-use clap::Parser;
+use clap::{CommandFactory, Parser};
 use std::process::ExitCode;
 
 /// Parses the arguments, runs the command and turns its end into an exit code.
 #[must_use]
 pub fn main() -> ExitCode {
     allocator::give_back_large_blocks();
+    if std::env::args_os().any(|a| a == "--version") {
+        // Prints it and ends.
+        let _ = Args::command().long_version(args::versions()).get_matches();
+    }
     let args = Args::parse();
     let result = say::Interrupt::install().and_then(|interrupt| match args.command {
         Command::Run(a) => bake_run::run(&a, &interrupt),

@@ -1,9 +1,9 @@
 //! Participating media: what a ray crosses on its way, in closed form.
 //!
-//! Media are homogeneous, everywhere or in boxes; where they overlap, coefficients add. Lengths are metres relative to
-//! [`crate::geom::World::origin`], coefficients per metre.
+//! Media are everywhere or in boxes, and of constant density or one that falls exponentially with height; where they overlap,
+//! coefficients add. Lengths are metres relative to [`crate::geom::World::origin`], coefficients per metre.
 
-use crate::scene::model::{Medium, Region, Rgb, Scene};
+use crate::scene::model::{Density, Medium, Region, Rgb, Scene};
 use glam::{Affine3A, Vec3, Vec3A};
 
 /// All media of a scene.
@@ -12,13 +12,20 @@ pub struct Media {
     bodies: Vec<Medium>,
 }
 
-/// A part of a ray where nothing changes.
+/// A part of a ray that is inside the same media throughout.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segment {
     /// Where it begins, metres along the ray.
     pub from: f32,
     /// Where it ends.
     pub to: f32,
+    /// One bit for each medium; there are at most [`crate::scene::gltf::MOST_MEDIA`].
+    bodies: u64,
+}
+
+/// Coefficients at a place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Coefficients {
     /// Scattering.
     pub sigma_s: Rgb,
     /// Scattering and absorption.
@@ -44,6 +51,9 @@ impl Media {
                     *unit_from_world = *unit_from_world * Affine3A::from_translation(origin);
                 }
             }
+            if let Density::Height { base, .. } = &mut b.density {
+                *base -= origin.y;
+            }
         }
         (!bodies.is_empty()).then_some(Self { bodies })
     }
@@ -55,7 +65,7 @@ impl Media {
         for b in &self.bodies {
             let (from, to) = overlap(&b.region, origin, direction, t_max);
             if from < to {
-                depth += along(b.sigma_s + b.sigma_a, to - from);
+                depth += along(b.sigma_s + b.sigma_a, metres(b.density, origin, direction, from, to));
             }
         }
         depth
@@ -67,7 +77,7 @@ impl Media {
         (-self.optical_depth(origin, direction, t_max)).exp()
     }
 
-    /// The segments of a ray's first `t_max` metres that hold a medium, in order, without gaps of their own.
+    /// The segments of a ray's first `t_max` metres that hold a medium, in order.
     pub fn segments(&self, origin: Vec3A, direction: Vec3A, t_max: f32, out: &mut Vec<Segment>) {
         out.clear();
         let spans: Vec<(f32, f32)> =
@@ -77,21 +87,60 @@ impl Media {
         ends.dedup();
         for pair in ends.windows(2) {
             let (from, to) = (pair[0], pair[1]);
-            let (mut sigma_s, mut sigma_t, mut forward) = (Vec3::ZERO, Vec3::ZERO, 0.0);
-            for (b, span) in self.bodies.iter().zip(&spans) {
-                if span.0 <= from && to <= span.1 {
-                    sigma_s += b.sigma_s;
-                    sigma_t += b.sigma_s + b.sigma_a;
-                    forward += b.g * b.sigma_s.element_sum();
-                }
-            }
-            if sigma_t != Vec3::ZERO {
-                let weight = sigma_s.element_sum();
-                let g = if 0.0 < weight { forward / weight } else { 0.0 };
-                out.push(Segment { from, to, sigma_s, sigma_t, g });
+            let inside = |s: &(f32, f32)| s.0 <= from && to <= s.1;
+            let bodies = spans.iter().enumerate().filter(|(_, s)| inside(s)).fold(0, |m, (i, _)| m | 1 << i);
+            if bodies != 0 {
+                out.push(Segment { from, to, bodies });
             }
         }
     }
+
+    fn inside(&self, segment: Segment) -> impl Iterator<Item = &Medium> {
+        self.bodies.iter().enumerate().filter(move |(i, _)| segment.bodies >> i & 1 == 1).map(|(_, b)| b)
+    }
+
+    /// Optical depth from the beginning of a segment of a ray to a place in it.
+    #[must_use]
+    pub fn depth_within(&self, segment: Segment, origin: Vec3A, direction: Vec3A, to: f32) -> Rgb {
+        self.inside(segment)
+            .map(|b| along(b.sigma_s + b.sigma_a, metres(b.density, origin, direction, segment.from, to)))
+            .sum()
+    }
+
+    /// Coefficients at a place in a segment of a ray.
+    #[must_use]
+    pub fn coefficients(&self, segment: Segment, origin: Vec3A, direction: Vec3A, t: f32) -> Coefficients {
+        let (mut sigma_s, mut sigma_t, mut forward) = (Vec3::ZERO, Vec3::ZERO, 0.0);
+        for b in self.inside(segment) {
+            let density = density(b.density, origin.y + direction.y * t);
+            sigma_s += b.sigma_s * density;
+            sigma_t += (b.sigma_s + b.sigma_a) * density;
+            forward += b.g * b.sigma_s.element_sum() * density;
+        }
+        let weight = sigma_s.element_sum();
+        Coefficients { sigma_s, sigma_t, g: if 0.0 < weight { forward / weight } else { 0.0 } }
+    }
+}
+
+fn density(density: Density, y: f32) -> f32 {
+    match density {
+        Density::Constant => 1.0,
+        Density::Height { base, falloff } => (-(y - base) / falloff).exp(),
+    }
+}
+
+/// Metres of density 1 that a part of a ray is worth: the integral of the density.
+fn metres(of: Density, origin: Vec3A, direction: Vec3A, from: f32, to: f32) -> f32 {
+    let Density::Height { falloff, .. } = of else { return to - from };
+    let rate = direction.y / falloff;
+    let length = to - from;
+    // From the denser end, so that nothing overflows on the way to it.
+    let dense = density(of, origin.y + direction.y * if 0.0 <= rate { from } else { to });
+    let turns = rate.abs() * length;
+    if length == f32::INFINITY {
+        return if 0.0 < rate { dense / rate } else { f32::INFINITY };
+    }
+    dense * length * if turns == 0.0 { 1.0 } else { -(-turns).exp_m1() / turns }
 }
 
 /// sigma x length where either may be 0 and the length infinite.
@@ -142,6 +191,7 @@ mod tests {
             path: String::new(),
             sigma_s: Vec3::splat(sigma_s),
             sigma_a: Vec3::splat(sigma_a),
+            density: Density::Constant,
             g,
             region,
         }
@@ -166,11 +216,47 @@ mod tests {
         assert_eq!(depth(&m, [1.5, 1.5, 1.5], [1.0, 0.0, 0.0], 1.0), 0.75 * 0.5 + 0.25);
         assert_eq!(depth(&m, [6.0, 1.5, 1.5], [1.0, 0.0, 0.0], f32::INFINITY), 0.0, "behind");
         assert_eq!(depth(&m, [0.5, 0.5, 0.5], [0.0, 1.0, 0.0], 0.0), 0.0, "no length");
+        let (o, d) = (Vec3A::new(-1.0, 1.5, 1.5), Vec3A::X);
         let mut s = Vec::new();
-        m.segments([-1.0, 1.5, 1.5].into(), [1.0, 0.0, 0.0].into(), 100.0, &mut s);
-        let of: Vec<(f32, f32, f32)> = s.iter().map(|s| (s.from, s.to, s.sigma_t.x)).collect();
+        m.segments(o, d, 100.0, &mut s);
+        let of: Vec<(f32, f32, f32)> = s
+            .iter()
+            .map(|s| (s.from, s.to, m.coefficients(*s, o, d, 0.5 * (s.from + s.to)).sigma_t.x))
+            .collect();
         assert_eq!(of, [(1.0, 2.0, 0.75), (2.0, 3.0, 1.0), (3.0, 6.0, 0.25)]);
-        assert!((s[1].g - 0.125 / 0.75).abs() < 1e-7);
+        assert!((m.coefficients(s[1], o, d, 2.5).g - 0.125 / 0.75).abs() < 1e-7);
+        assert_eq!(m.depth_within(s[1], o, d, 2.5).x, 0.5);
+    }
+
+    /// Against sums over small steps, upwards, downwards, level and nearly so; and without end.
+    #[test]
+    fn height_fog_is_integrated() {
+        let mut fog = body(0.3, 0.0, 0.0, Region::Everywhere);
+        fog.density = Density::Height { base: 1.0, falloff: 2.5 };
+        let m =
+            Media::new(&Scene { media: vec![fog], ..Scene::default() }, vec3(0.0, 4.0, 0.0)).expect("media");
+        for y in [-0.8f32, -1e-6, 0.0, 1e-4, 0.6, 1.0] {
+            let direction = Vec3A::new((1.0 - y * y).sqrt(), y, 0.0);
+            let origin = Vec3A::new(3.0, -2.0, 7.0);
+            let n = 100_000;
+            let step = 12.0 / f64::from(n);
+            let want: f64 = (0..n)
+                .map(|i| {
+                    let height = 2.0 + f64::from(y) * (f64::from(i) + 0.5) * step;
+                    0.3 * (-(height - 1.0) / 2.5).exp() * step
+                })
+                .sum();
+            let got = f64::from(m.optical_depth(origin, direction, 12.0).x);
+            assert!((got / want - 1.0).abs() < 2e-5, "{y}: {got} {want}");
+        }
+        let up = m.optical_depth(Vec3A::new(0.0, -2.0, 0.0), Vec3A::Y, f32::INFINITY).x;
+        assert!((up / (0.3 * 2.5 * (-1.0f32 / 2.5).exp()) - 1.0).abs() < 1e-5);
+        for direction in [Vec3A::X, Vec3A::NEG_Y] {
+            assert_eq!(m.transmittance(Vec3A::ZERO, direction, f32::INFINITY), Vec3::ZERO);
+        }
+        // From far above, where the density is less than any number, down to where it is not.
+        let down = m.optical_depth(Vec3A::new(0.0, 997.0, 0.0), Vec3A::NEG_Y, 1000.0).x;
+        assert!((down / (0.3 * 2.5) - 1.0).abs() < 1e-3, "{down}");
     }
 
     /// Rays in a face, along an edge, from a corner; nothing is counted twice where boxes touch.

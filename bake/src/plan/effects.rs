@@ -91,8 +91,8 @@ pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> 
                 (n, MediaMode::Off) => {
                     format!("{n} media, ignored: --media attenuate or reference simulates them")
                 }
-                (n, MediaMode::Attenuate) => format!("{n} homogeneous, weakening light"),
-                (n, MediaMode::Reference) => format!("{n} homogeneous, scattering paths"),
+                (n, MediaMode::Attenuate) => format!("{n}, weakening light"),
+                (n, MediaMode::Reference) => format!("{n}, scattering paths"),
             },
         ),
     ]

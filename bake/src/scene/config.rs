@@ -8,7 +8,7 @@ use serde_json::{Map, Number, Value};
 use super::{
     document::InputFile,
     findings::Findings,
-    model::{Light, LightKind, LightMode, LightmapMode, Medium, Region, Sky},
+    model::{Density, Light, LightKind, LightMode, LightmapMode, Medium, Region, Sky},
     read::{Table, floats, index_of, scalar, shown},
     sky,
 };
@@ -234,6 +234,32 @@ fn media(t: &mut Table<'_>, out: &mut Findings) -> Vec<Medium> {
     list
 }
 
+/// Reads a density that is not the same everywhere.
+fn varying(value: &Value, path: &str, out: &mut Findings) -> Option<Density> {
+    let mut t = Table::new(value, path, out)?;
+    let Some(height) = t.get("height") else {
+        let what = "of the densities that vary, this version simulates `height` alone";
+        out.push(Finding::error(path, what, "write a number or {\"height\": {\"base\": 0, \"falloff\": 5}}"));
+        return None;
+    };
+    let at = t.at("height");
+    t.finish(false, "", out);
+    let mut t = Table::new(height, at, out)?;
+    let base = t.number("base", "a number of metres", out, |_| true).unwrap_or(0.0);
+    let falloff = t.number("falloff", "a number of metres above 0", out, |v| 0.0 < v);
+    let at = t.at("falloff");
+    let given = t.get("falloff").is_some();
+    t.finish(false, "", out);
+    if falloff.is_none() && !given {
+        out.push(Finding::error(
+            at,
+            "is missing",
+            "give the metres over which the density falls by a factor of e",
+        ));
+    }
+    Some(Density::Height { base, falloff: falloff? })
+}
+
 /// Reads one entry of `media`.
 fn medium(value: &Value, path: &str, out: &mut Findings) -> Option<Medium> {
     let mut t = Table::new(value, path, out)?;
@@ -242,13 +268,12 @@ fn medium(value: &Value, path: &str, out: &mut Findings) -> Option<Medium> {
     let sigma_a = t.colour("sigma_a", out);
     let typed = t.get("sigma_s").is_some() || t.get("sigma_a").is_some();
     let g = t.number("g", "a number between -1 and 1", out, |v| -1.0 < v && v < 1.0).unwrap_or(0.0);
-    let density = match t.get("density") {
-        Some(Value::Object(_)) => {
-            let what = "densities that vary are not simulated by this version";
-            out.push(Finding::error(t.at("density"), what, "write a number, or leave the medium out"));
-            return None;
+    let (factor, density) = match t.get("density") {
+        Some(value @ Value::Object(_)) => (1.0, varying(value, &t.at("density"), out)?),
+        _ => {
+            let factor = t.number("density", "a number that is not negative", out, |v| 0.0 <= v);
+            (factor.unwrap_or(1.0), Density::Constant)
         }
-        _ => t.number("density", "a number that is not negative", out, |v| 0.0 <= v).unwrap_or(1.0),
     };
     if t.get("emission").is_some() {
         let what = "emission of media is not simulated by this version; ignored";
@@ -280,8 +305,9 @@ fn medium(value: &Value, path: &str, out: &mut Findings) -> Option<Medium> {
     };
     Some(Medium {
         path: name.unwrap_or_else(|| path.to_owned()),
-        sigma_s: sigma_s.unwrap_or_default() * density,
-        sigma_a: sigma_a.unwrap_or_default() * density,
+        sigma_s: sigma_s.unwrap_or_default() * factor,
+        sigma_a: sigma_a.unwrap_or_default() * factor,
+        density,
         g,
         region,
     })
@@ -677,6 +703,14 @@ mod tests {
             ("media = [{ sigma_s = inf }]", "media[0].sigma_s"),
             ("media = [{ sigma_a = 1, density = -2 }]", "media[0].density"),
             ("media = [{ sigma_a = 1, density = { vdb = \"smoke.vdb\" } }]", "media[0].density"),
+            (
+                "media = [{ sigma_a = 1, density = { height = { base = 1 } } }]",
+                "media[0].density.height.falloff",
+            ),
+            (
+                "media = [{ sigma_a = 1, density = { height = { falloff = 0 } } }]",
+                "media[0].density.height.falloff",
+            ),
             ("media = [{ sigma_a = 1, box = 3 }]", "media[0].box"),
             ("media = [{ sigma_a = 1, box = { min = [0, 0, 0], max = [1, 0, 1] } }]", "media[0].box"),
         ] {

@@ -11,7 +11,9 @@ use super::{
     findings::Findings,
     gltf_material, gltf_mesh,
     gltf_nodes::{self, Hierarchy, NodeIndex, Placed},
-    model::{Camera, Light, LightKind, LightMode, LightmapMode, Medium, Mesh, Region, Scene, Sky, Surface},
+    model::{
+        Camera, Density, Light, LightKind, LightMode, LightmapMode, Medium, Mesh, Region, Scene, Sky, Surface,
+    },
     read::{index_of, shown},
     sky,
 };
@@ -127,9 +129,17 @@ fn ensure_light(scene: &mut Scene, wished: Option<Sky>, out: &mut Findings) {
     }
 }
 
-/// Names lights that no medium lets through.
+/// Names lights that no medium lets through, and more media than there may be.
 fn check_media(scene: &Scene, out: &mut Findings) {
-    let endless = |m: &&Medium| m.region == Region::Everywhere && m.sigma_s + m.sigma_a != Vec3::ZERO;
+    if MOST_MEDIA < scene.media.len() {
+        let what = format!("{} media, and {MOST_MEDIA} are possible", scene.media.len());
+        out.push(Finding::error("media", what, "merge media"));
+    }
+    let endless = |m: &&Medium| {
+        m.region == Region::Everywhere
+            && m.density == Density::Constant
+            && m.sigma_s + m.sigma_a != Vec3::ZERO
+    };
     let Some(medium) = scene.media.iter().find(endless) else { return };
     let sun = scene.lights.iter().find(|l| matches!(l.kind, LightKind::Directional { .. }));
     let far = match (sun, &scene.sky) {
@@ -161,6 +171,9 @@ fn check_uv_sets(scene: &mut Scene, out: &mut Findings) {
         }
     }
 }
+
+/// Most media of a scene: what a ray is inside of has one bit for each.
+pub const MOST_MEDIA: usize = 64;
 
 struct Builder<'a> {
     doc: &'a Document,

@@ -33,19 +33,36 @@ pub struct Scene {
     pub media: Vec<Medium>,
 }
 
-/// A homogeneous participating medium.
+/// A participating medium.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Medium {
     /// Path for messages and the manifest.
     pub path: String,
-    /// Scattering per metre.
+    /// Scattering per metre where the density is 1.
     pub sigma_s: Rgb,
-    /// Absorption per metre.
+    /// Absorption per metre where the density is 1.
     pub sigma_a: Rgb,
+    /// How dense it is from place to place.
+    pub density: Density,
     /// Mean cosine of scattering, Henyey-Greenstein.
     pub g: f32,
     /// Where it is.
     pub region: Region,
+}
+
+/// How dense a [`Medium`] is from place to place.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Density {
+    /// 1 throughout.
+    #[default]
+    Constant,
+    /// exp(-(y - base) / falloff) at the height y.
+    Height {
+        /// Where the density is 1, metres.
+        base: f32,
+        /// Over which it falls by a factor of e, metres.
+        falloff: f32,
+    },
 }
 
 /// Where a [`Medium`] is.

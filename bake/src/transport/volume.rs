@@ -8,7 +8,7 @@
 
 use crate::geom::ray::offset_distance;
 use crate::light::punctual::Incident;
-use crate::media::{Media, Segment, along};
+use crate::media::{Media, Segment};
 use crate::sample::Sequence;
 use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
 use crate::scene::model::Rgb;
@@ -28,7 +28,7 @@ enum Place {
     /// At a surface, which chose the direction by cosine.
     Surface(Vertex),
     /// In a medium.
-    Air,
+    Medium,
 }
 
 /// How a segment ended.
@@ -66,10 +66,10 @@ impl Kernel<'_> {
             let length = hit.map_or(f32::INFINITY, |h| h.t);
             media.segments(origin, direction, length, &mut segments);
             if !segments.is_empty() {
-                let inscattered =
-                    self.lamps_along(media, &segments, origin, direction, sequence, &mut out.rays);
+                let air = Air { media, segments: &segments, origin, direction };
+                let inscattered = self.lamps_along(&air, sequence, &mut out.rays);
                 out.indirect += throughput * inscattered;
-                match flight(&segments, throughput, sequence) {
+                match flight(&air, throughput, sequence) {
                     End::Scattered { at, weight, g } => {
                         throughput *= weight;
                         let p = origin + direction * at;
@@ -81,7 +81,7 @@ impl Kernel<'_> {
                         let [a, b, _, _] = sequence.next4();
                         direction = henyey_greenstein_direction(direction, g, [a, b]);
                         origin = p;
-                        place = Place::Air;
+                        place = Place::Medium;
                         straight = false;
                         travelled = 0.0;
                         continue;
@@ -94,12 +94,12 @@ impl Kernel<'_> {
             }
             let pdf = match &place {
                 Place::Surface(v) => cos_hemisphere_pdf(direction.dot(v.shading_normal)),
-                Place::Air => 1.0,
+                Place::Medium => 1.0,
             };
             let Some(hit) = hit else {
                 let other = match &place {
                     Place::Surface(v) => self.sky_density(v, direction),
-                    Place::Air => 0.0,
+                    Place::Medium => 0.0,
                 };
                 let sky = throughput * self.lights.sky.radiance(direction) * balance(pdf, other);
                 *(if straight { &mut out.direct } else { &mut out.indirect }) += sky;
@@ -116,7 +116,7 @@ impl Kernel<'_> {
                         direction,
                         travelled,
                     ),
-                    Place::Air => 0.0,
+                    Place::Medium => 0.0,
                 };
                 let emitted = throughput * met.shade.emission * balance(pdf, other);
                 *(if straight { &mut out.direct } else { &mut out.indirect }) += emitted;
@@ -157,15 +157,7 @@ impl Kernel<'_> {
     }
 
     /// Light of lamps that is scattered once towards the ray's origin, nits.
-    fn lamps_along(
-        &self,
-        media: &Media,
-        segments: &[Segment],
-        origin: Vec3A,
-        direction: Vec3A,
-        sequence: &mut Sequence,
-        rays: &mut u32,
-    ) -> Rgb {
+    fn lamps_along(&self, air: &Air<'_>, sequence: &mut Sequence, rays: &mut u32) -> Rgb {
         let lamps = &self.lights.punctual;
         if lamps.is_empty() {
             return Vec3::ZERO;
@@ -178,17 +170,18 @@ impl Kernel<'_> {
             let i = ((b * lamps.len() as f32) as usize).min(lamps.len() - 1);
             (i..i + 1, lamps.len() as f32)
         };
-        let (from, to) = (segments[0].from, segments[segments.len() - 1].to);
+        let (from, to) = (air.segments[0].from, air.segments[air.segments.len() - 1].to);
         let mut sum = Vec3::ZERO;
         for (k, i) in ask.enumerate() {
             let u = (a + 0.618_034 * k as f32).fract();
-            let to_lamp = lamps[i].position() - origin;
-            let Some((t, pdf)) = equi_angular(to_lamp, direction, from, to, u) else { continue };
-            let Some(segment) = segments.iter().find(|s| s.from <= t && t <= s.to) else { continue };
-            let p = origin + direction * t;
+            let to_lamp = lamps[i].position() - air.origin;
+            let Some((t, pdf)) = equi_angular(to_lamp, air.direction, from, to, u) else { continue };
+            let Some(segment) = air.segments.iter().find(|s| s.from <= t && t <= s.to) else { continue };
+            let p = air.origin + air.direction * t;
             let Some(light) = lamps[i].incident(p) else { continue };
-            let arriving = self.scattered(media, p, direction, segment.g, &light, rays);
-            sum += transmittance(segments, t) * segment.sigma_s * arriving * (weight / pdf);
+            let here = air.media.coefficients(*segment, air.origin, air.direction, t);
+            let arriving = self.scattered(air.media, p, air.direction, here.g, &light, rays);
+            sum += air.transmittance(t) * here.sigma_s * arriving * (weight / pdf);
         }
         sum
     }
@@ -260,19 +253,60 @@ fn survives(throughput: &mut Rgb, depth: u32, sequence: &mut Sequence) -> bool {
     true
 }
 
-/// What is left of light along the first `t` metres.
-fn transmittance(segments: &[Segment], t: f32) -> Rgb {
-    let mut depth = Vec3::ZERO;
-    for s in segments {
-        if s.from < t {
-            depth += along(s.sigma_t, t.min(s.to) - s.from);
-        }
+/// The media along a ray.
+struct Air<'a> {
+    media: &'a Media,
+    segments: &'a [Segment],
+    origin: Vec3A,
+    direction: Vec3A,
+}
+
+impl Air<'_> {
+    fn depth(&self, segment: Segment, to: f32) -> Rgb {
+        self.media.depth_within(segment, self.origin, self.direction, to)
     }
-    (-depth).exp()
+
+    /// What is left of light along the first `t` metres.
+    fn transmittance(&self, t: f32) -> Rgb {
+        let before = self.segments.iter().filter(|s| s.from < t);
+        (-before.map(|s| self.depth(*s, t.min(s.to))).sum::<Vec3>()).exp()
+    }
+
+    /// The place in a segment up to which one channel's optical depth is `wanted`: Newton's method, kept between ends by
+    /// bisection. In a homogeneous segment the first step is exact.
+    fn place(&self, segment: Segment, channel: usize, wanted: f32) -> f32 {
+        let (mut low, mut high) = (segment.from, segment.to);
+        let sigma = |t| self.media.coefficients(segment, self.origin, self.direction, t).sigma_t[channel];
+        let mut t = low + wanted / sigma(low);
+        for _ in 0..60 {
+            if !(low < t && t < high) {
+                // Where there is no end yet, twice as far.
+                t = if high.is_finite() {
+                    0.5 * (low + high)
+                } else {
+                    2.0 * low + 1.0 / sigma(low).max(1e-30)
+                };
+            }
+            let off = wanted - self.depth(segment, t)[channel];
+            if off.abs() <= 1e-6 * wanted {
+                break;
+            }
+            if 0.0 < off {
+                low = t
+            } else {
+                high = t
+            }
+            if high - low <= 1e-6 * high {
+                break;
+            }
+            t += off / sigma(t);
+        }
+        t.clamp(segment.from, segment.to)
+    }
 }
 
 /// Free flight: where the path scatters, or that it does not.
-fn flight(segments: &[Segment], throughput: Rgb, sequence: &mut Sequence) -> End {
+fn flight(air: &Air<'_>, throughput: Rgb, sequence: &mut Sequence) -> End {
     let [a, b, _, _] = sequence.next4();
     let chances = throughput / throughput.element_sum();
     let channel = if a < chances.x {
@@ -284,15 +318,16 @@ fn flight(segments: &[Segment], throughput: Rgb, sequence: &mut Sequence) -> End
     };
     let mut wanted = -(1.0 - b).ln();
     let mut depth = Vec3::ZERO;
-    for s in segments {
-        let here = along(s.sigma_t, s.to - s.from);
+    for &s in air.segments {
+        let here = air.depth(s, s.to);
         if wanted < here[channel] {
-            let length = wanted / s.sigma_t[channel];
-            let left = (-(depth + along(s.sigma_t, length))).exp();
+            let at = air.place(s, channel, wanted);
+            let left = (-(depth + air.depth(s, at))).exp();
+            let c = air.media.coefficients(s, air.origin, air.direction, at);
             // Densities of a place in each channel.
-            let density = chances.dot(s.sigma_t * left);
-            let weight = if 0.0 < density { s.sigma_s * left / density } else { Vec3::ZERO };
-            return End::Scattered { at: s.from + length, weight, g: s.g };
+            let density = chances.dot(c.sigma_t * left);
+            let weight = if 0.0 < density { c.sigma_s * left / density } else { Vec3::ZERO };
+            return End::Scattered { at, weight, g: c.g };
         }
         wanted -= here[channel];
         depth += here;
@@ -344,6 +379,7 @@ fn henyey_greenstein_direction(direction: Vec3A, g: f32, u: [f32; 2]) -> Vec3A {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::model::{Density, Medium, Region, Scene};
     use glam::vec3;
 
     fn sequences() -> impl Iterator<Item = Sequence> {
@@ -408,31 +444,46 @@ mod tests {
     /// whatever channel it carries most of.
     #[test]
     fn free_flight_keeps_the_energy_of_every_channel() {
-        let thin = Segment {
-            from: 0.5,
-            to: 1.5,
-            sigma_s: vec3(0.1, 0.5, 2.0),
-            sigma_t: vec3(0.1, 1.0, 2.5),
-            g: 0.0,
+        let body = |sigma_s, sigma_a, density, z: [f32; 2], g| Medium {
+            path: String::new(),
+            sigma_s,
+            sigma_a,
+            density,
+            g,
+            region: Region::Box { min: vec3(-9.0, -9.0, z[0]), max: vec3(9.0, 9.0, z[1]) },
         };
-        let dense = Segment {
-            from: 2.0,
-            to: 2.25,
-            sigma_s: vec3(1.0, 1.0, 0.0),
-            sigma_t: vec3(2.0, 1.0, 4.0),
-            g: 0.5,
-        };
-        let first = (-thin.sigma_t).exp();
-        let through = first * (-dense.sigma_t * 0.25).exp();
-        let scattered =
-            thin.sigma_s / thin.sigma_t * (1.0 - first) + dense.sigma_s / dense.sigma_t * (first - through);
+        let bodies = vec![
+            body(vec3(0.1, 0.5, 2.0), vec3(0.0, 0.5, 0.5), Density::Constant, [0.5, 1.5], 0.0),
+            body(vec3(1.0, 1.0, 0.0), vec3(1.0, 0.0, 4.0), Density::Constant, [2.0, 2.25], 0.5),
+            // Five times as dense at its end as at its beginning.
+            body(
+                vec3(0.2, 0.4, 0.8),
+                vec3(0.0, 0.2, 0.0),
+                Density::Height { base: -2.0, falloff: 0.5 / 4f32.ln() },
+                [3.0, 4.0],
+                0.25,
+            ),
+        ];
+        let media =
+            Media::new(&Scene { media: bodies.clone(), ..Scene::default() }, Vec3::ZERO).expect("media");
+        let (origin, direction) = (Vec3A::ZERO, Vec3A::new(0.0, -0.5, 0.75f32.sqrt()));
+        let mut segments = Vec::new();
+        media.segments(origin, direction, f32::INFINITY, &mut segments);
+        let air = Air { media: &media, segments: &segments, origin, direction };
+        let (mut through, mut scattered) = (Vec3::ONE, Vec3::ZERO);
+        for (s, b) in segments.iter().zip(&bodies) {
+            let left = (-air.depth(*s, s.to)).exp();
+            scattered += through * (1.0 - left) * b.sigma_s / (b.sigma_s + b.sigma_a);
+            through *= left;
+        }
         for throughput in [Vec3::ONE, vec3(1.0, 0.1, 0.01), vec3(0.0, 0.0, 3.0)] {
             let (mut went, mut stayed, mut n) = (Vec3::ZERO, Vec3::ZERO, 0.0);
             for mut s in sequences() {
-                match flight(&[thin, dense], throughput, &mut s) {
+                match flight(&air, throughput, &mut s) {
                     End::Through { weight } => went += weight,
                     End::Scattered { at, weight, g } => {
-                        assert!((0.5..=1.5).contains(&at) && g == 0.0 || (2.0..=2.25).contains(&at));
+                        let i = segments.iter().position(|s| s.from <= at && at <= s.to).expect("inside");
+                        assert!((g - bodies[i].g).abs() < 1e-6);
                         stayed += weight;
                     }
                 }
@@ -449,15 +500,20 @@ mod tests {
 
     #[test]
     fn endless_media_always_scatter() {
-        let fog = Segment {
-            from: 0.0,
-            to: f32::INFINITY,
+        let fog = Medium {
+            path: String::new(),
             sigma_s: vec3(0.1, 0.0, 0.0),
-            sigma_t: vec3(0.1, 0.0, 1.0),
+            sigma_a: vec3(0.0, 0.0, 1.0),
+            density: Density::Constant,
             g: 0.0,
+            region: Region::Everywhere,
         };
+        let media = Media::new(&Scene { media: vec![fog], ..Scene::default() }, Vec3::ZERO).expect("media");
+        let mut segments = Vec::new();
+        media.segments(Vec3A::ZERO, Vec3A::X, f32::INFINITY, &mut segments);
+        let air = Air { media: &media, segments: &segments, origin: Vec3A::ZERO, direction: Vec3A::X };
         for mut s in sequences().take(2000) {
-            match flight(&[fog], Vec3::ONE, &mut s) {
+            match flight(&air, Vec3::ONE, &mut s) {
                 End::Scattered { at, weight, .. } => assert!(at.is_finite() && weight.is_finite()),
                 // The green channel meets nothing.
                 End::Through { weight } => assert!(weight.x == 0.0 && weight.z == 0.0 && weight.is_finite()),
