@@ -48,7 +48,7 @@ impl Media {
                     *max -= origin;
                 }
                 Region::Turned { unit_from_world } => {
-                    *unit_from_world = *unit_from_world * Affine3A::from_translation(origin);
+                    *unit_from_world *= Affine3A::from_translation(origin);
                 }
             }
             if let Density::Height { base, .. } = &mut b.density {

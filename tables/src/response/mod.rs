@@ -14,7 +14,6 @@
 pub mod directional;
 pub mod interpolation;
 pub mod moments;
-
 pub mod patch;
 pub mod point;
 pub mod quadrature;

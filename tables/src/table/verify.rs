@@ -277,7 +277,7 @@ fn points(tables: &Tables, draw: &Draw, n: u32) -> Vec<Asked> {
         .collect()
 }
 
-/// Distances at which orders are followed again: three times as many as the builder's default.
+/// Distances at which orders are followed again: many more than the builder's, and not the same.
 const FOLLOWED: LogAxis = LogAxis { first: 1e-6, last: 1e3, n: 161 };
 
 /// Some of those distances that are asked for.
