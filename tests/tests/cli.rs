@@ -180,3 +180,22 @@ fn the_version_names_the_tables() {
     assert!(done.stdout.contains("response tables: default preset"), "{done}");
     assert_eq!(tool::bake(&["-V"], dir.path()).expect(0).stdout.lines().count(), 1);
 }
+
+/// Fog is never left out in silence.
+#[test]
+fn media_that_nobody_asked_to_leave_out_are_named() {
+    let dir = tool::folder_with(&open::under_sun(10.0, glam::Vec3::NEG_Y, 0.0));
+    fs::write(
+        dir.path().join("fog.toml"),
+        "[[media]]\nname = \"mist\"\nsigma_a = 1\nbox = [[-9, 1, -9], [9, 2, 9]]\n",
+    )
+    .unwrap();
+    let plan = |more: &[&str]| {
+        let args = ["plan", "scene.glb", "--config", "fog.toml", "--texels-per-metre", "2"];
+        tool::bake(&[&args[..], more].concat(), dir.path()).expect(0)
+    };
+    assert!(plan(&[]).stderr.contains("mist: media are ignored"));
+    assert!(!plan(&["--media", "off"]).stderr.contains("ignored"));
+    let done = plan(&["--media", "attenuate"]);
+    assert!(!done.stderr.contains("ignored") && done.stdout.contains("weakening light"), "{done}");
+}

@@ -1,6 +1,7 @@
 //! Reads scene and configuration and resolves settings.
 
 use crate::cli::args::{LightUnitsArg, MediaArg, OnOff, QualityArg, SceneArgs, SettingsArgs, UnwrapArg};
+use crate::cli::say;
 use crate::error::{Error, Finding};
 use crate::geom::atlas::{Engine, Unwrap};
 use crate::plan::settings::Sampling;
@@ -99,16 +100,22 @@ pub(crate) fn word<T: ValueEnum>(text: &str, path: &str) -> Result<T, Error> {
     })
 }
 
-/// What becomes of media: by the command line, else the configuration file.
+/// What becomes of media: by the command line, else the configuration file. Nobody's wish leaves them out, which is said.
 ///
 /// # Errors
 ///
 /// If the file's word is not known.
-pub(crate) fn media(arg: Option<MediaArg>, run: &RunConfig) -> Result<MediaMode, Error> {
+pub(crate) fn media(arg: Option<MediaArg>, run: &RunConfig, scene: &Scene) -> Result<MediaMode, Error> {
     let arg = match (arg, &run.media) {
         (None, Some(text)) => Some(word(text, "run.media")?),
         (given, _) => given,
     };
+    if let (None, Some(first)) = (arg, scene.media.first()) {
+        say::line(&format!(
+            "warning: {}: media are ignored; --media attenuate or reference simulates them, --media off says that this is meant",
+            first.path
+        ));
+    }
     Ok(match arg.unwrap_or(MediaArg::Off) {
         MediaArg::Off => MediaMode::Off,
         MediaArg::Attenuate => MediaMode::Attenuate,
@@ -132,7 +139,7 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
         (None, Some(text)) => word(text, "run.unwrap")?,
         (None, None) => UnwrapArg::Auto,
     };
-    let media = media(args.media, run)?;
+    let media = media(args.media, run, scene)?;
     let quality = self::quality(quality);
     let texels_per_metre = args.texels_per_metre.or(run.texels_per_metre).or(scene.texels_per_metre);
     if let Some(d) = texels_per_metre

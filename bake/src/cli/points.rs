@@ -44,7 +44,7 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
         &input.scene,
         &tracing,
         args.bounces.or(input.run.bounces),
-        input::media(args.media, &input.run)?,
+        input::media(args.media, &input.run, &input.scene)?,
     );
     let seed = args.seed.or(input.run.seed).unwrap_or(0);
     let receivers: Vec<_> = points.iter().map(|&(p, n)| points::place(&kernel, p, n)).collect();
