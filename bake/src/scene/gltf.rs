@@ -6,7 +6,7 @@ use glam::{Affine3A, Quat, Vec3};
 use serde_json::Value;
 
 use super::{
-    config::{self, Config, NodeWords, SceneWords},
+    config::{Config, NodeWords, SceneWords},
     document::Document,
     findings::Findings,
     gltf_material, gltf_mesh,
@@ -198,7 +198,7 @@ impl Builder<'_> {
             if let Some(extras) = json.get("extras") {
                 let path = format!("nodes[{}].extras", at.node);
                 words = words.over(NodeWords::read(extras, &path, true, self.out));
-                medium = config::node_medium(extras, &path, self.out);
+                medium = super::media_words::node_medium(extras, &path, self.out);
             }
             let light = gltf_nodes::light(self.doc, self.tree, at, self.options.light_units, words, self.out);
             self.scene.lights.extend(light);

@@ -12,6 +12,7 @@ mod gltf_nodes;
 #[cfg(test)]
 mod gltf_tests;
 mod images;
+mod media_words;
 mod meshopt;
 pub mod model;
 mod read;
