@@ -1,5 +1,6 @@
 //! Runs the built command-line tools.
 
+use serde_json::{Value, json};
 use std::{
     env,
     ffi::OsStr,
@@ -195,4 +196,35 @@ pub fn baked(scene: &[u8], args: &[&str]) -> crate::baked::Baked {
     let done = bake(&all, dir.path()).expect(0);
     let out = dir.path().join("out");
     crate::baked::Baked::read(&out).unwrap_or_else(|e| panic!("{e}\n{done}"))
+}
+
+/// Irradiance and its standard error at points with normals, by `bake points` with the given arguments; lux.
+///
+/// # Panics
+///
+/// If the tool fails.
+#[must_use]
+pub fn points(scene: &Path, at: &[[[f64; 3]; 2]], args: &[&str]) -> Vec<[[f64; 3]; 2]> {
+    let dir = tempfile::tempdir().expect("a folder");
+    let asked: Vec<Value> = at.iter().map(|[p, n]| json!({ "position": p, "normal": n })).collect();
+    std::fs::write(dir.path().join("points.json"), json!({ "points": asked }).to_string()).expect("a file");
+    let scene = scene.to_str().expect("a readable path");
+    let first = ["points", scene, "points.json", "--progress", "none"];
+    let done = bake(&[&first[..], args].concat(), dir.path()).expect(0);
+    let answer: Value = serde_json::from_str(&done.stdout).unwrap_or_else(|e| panic!("{e}\n{done}"));
+    let got = answer["points"].as_array().expect("a list");
+    assert_eq!(got.len(), at.len());
+    got.iter()
+        .zip(&asked)
+        .map(|(g, a)| {
+            assert_eq!(g["position"], a["position"], "order and places are kept");
+            [numbers(&g["irradiance"]), numbers(&g["std_err"])]
+        })
+        .collect()
+}
+
+/// Three numbers of a JSON list.
+#[must_use]
+pub fn numbers(v: &Value) -> [f64; 3] {
+    std::array::from_fn(|i| v[i].as_f64().unwrap_or(f64::NAN))
 }

@@ -277,6 +277,8 @@ pub(crate) enum MediaArg {
     Off,
     /// Media weaken light, and scatter none
     Attenuate,
+    /// Media weaken light and scatter it as if nothing bounded them: [IR19], for open air
+    Table,
     /// Unbiased paths scatter in media: slow
     Reference,
 }

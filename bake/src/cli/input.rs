@@ -112,13 +112,14 @@ pub(crate) fn media(arg: Option<MediaArg>, run: &RunConfig, scene: &Scene) -> Re
     };
     if let (None, Some(first)) = (arg, scene.media.first()) {
         say::line(&format!(
-            "warning: {}: media are ignored; --media attenuate or reference simulates them, --media off says that this is meant",
+            "warning: {}: media are ignored; --media attenuate, table or reference simulates them, --media off says that this is meant",
             first.path
         ));
     }
     Ok(match arg.unwrap_or(MediaArg::Off) {
         MediaArg::Off => MediaMode::Off,
         MediaArg::Attenuate => MediaMode::Attenuate,
+        MediaArg::Table => MediaMode::Table,
         MediaArg::Reference => MediaMode::Reference,
     })
 }

@@ -39,13 +39,9 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
         .build()
         .map_err(|e| Error::Usage(format!("cannot start the threads: {e}")))?;
     let monitor = Monitor::default();
-    let tracing = Tracing::new(&input.scene)?;
-    let kernel = Kernel::new(
-        &input.scene,
-        &tracing,
-        args.bounces.or(input.run.bounces),
-        input::media(args.media, &input.run, &input.scene)?,
-    );
+    let media = input::media(args.media, &input.run, &input.scene)?;
+    let tracing = Tracing::new(&input.scene, media)?;
+    let kernel = Kernel::new(&input.scene, &tracing, args.bounces.or(input.run.bounces), media);
     let seed = args.seed.or(input.run.seed).unwrap_or(0);
     let receivers: Vec<_> = points.iter().map(|&(p, n)| points::place(&kernel, p, n)).collect();
     let learnt = pool.install(|| Learnt::new(&kernel, &receivers, seed));

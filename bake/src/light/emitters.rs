@@ -45,8 +45,21 @@ pub struct EmitterSample {
     pub wi: Vec3A,
     /// Distance, metres.
     pub distance: f32,
-    /// Density per steradian, choice of the triangle included.
+    /// Density per steradian, choice of the triangle included: 0 where the side that shines is not seen, or along its plane.
     pub pdf_solid_angle: f32,
+    /// Density per area, likewise.
+    pub pdf_area: f32,
+}
+
+/// A place that emitters light.
+#[derive(Clone, Copy, Debug)]
+pub struct Receiver {
+    /// Metres, relative to the world's origin.
+    pub position: Vec3A,
+    /// Unit normal.
+    pub normal: Vec3A,
+    /// Emitters that nowhere rise above this over the plane do not light it, metres.
+    pub below: f32,
 }
 
 impl Emitters {
@@ -87,27 +100,29 @@ impl Emitters {
         self.list.len()
     }
 
-    /// Chooses a point on an emissive triangle to light `p`, whose normal is `n`.
+    /// Chooses a point on an emissive triangle to light `at`.
     #[must_use]
-    pub fn sample(&self, p: Vec3A, n: Vec3A, u: f32, v: [f32; 2]) -> Option<EmitterSample> {
-        let (k, probability) = self.choose(p, n, u)?;
+    pub fn sample(&self, at: &Receiver, u: f32, v: [f32; 2]) -> Option<EmitterSample> {
+        let (k, probability) = self.choose(at, u)?;
         let e = &self.list[k];
         let bary = square_to_triangle(v);
         let x = e.corners[0] * bary[0] + e.corners[1] * bary[1] + e.corners[2] * bary[2];
-        let d = x - p;
+        let d = x - at.position;
         let distance = d.length();
         let wi = d / distance;
         let pdf_solid_angle = probability * e.solid_angle_density(wi, distance);
-        if !wi.is_finite() || !pdf_solid_angle.is_finite() || pdf_solid_angle <= 0.0 {
+        if !wi.is_finite() {
             return None;
         }
-        Some(EmitterSample { triangle: e.triangle, bary, wi, distance, pdf_solid_angle })
+        let pdf_solid_angle = if pdf_solid_angle.is_finite() { pdf_solid_angle } else { 0.0 };
+        let pdf_area = probability / e.area;
+        Some(EmitterSample { triangle: e.triangle, bary, wi, distance, pdf_solid_angle, pdf_area })
     }
 
     /// Density per steradian with which [`Emitters::sample`] would have chosen a point of
-    /// `triangle` that is seen from `p` in direction `wi` at `distance`. 0 if it does not emit.
+    /// `triangle` that `at` sees in direction `wi` at `distance`. 0 if it does not emit.
     #[must_use]
-    pub fn pdf(&self, p: Vec3A, n: Vec3A, triangle: u32, wi: Vec3A, distance: f32) -> f32 {
+    pub fn pdf(&self, at: &Receiver, triangle: u32, wi: Vec3A, distance: f32) -> f32 {
         let Some(&k) = self.of_triangle.get(triangle as usize) else { return 0.0 };
         if k == u32::MAX {
             return 0.0;
@@ -116,15 +131,15 @@ impl Emitters {
         let probability = match &self.by_power {
             Some(cdf) if WEIGHED < self.list.len() => cdf.pdf(k as usize),
             _ => {
-                let total: f32 = self.list.iter().map(|e| e.importance(p, n)).sum();
-                if 0.0 < total { e.importance(p, n) / total } else { 0.0 }
+                let total: f32 = self.list.iter().map(|e| e.importance(at)).sum();
+                if 0.0 < total { e.importance(at) / total } else { 0.0 }
             }
         };
         let density = probability * e.solid_angle_density(wi, distance);
         if density.is_finite() { density } else { f32::MAX }
     }
 
-    fn choose(&self, p: Vec3A, n: Vec3A, u: f32) -> Option<(usize, f32)> {
+    fn choose(&self, at: &Receiver, u: f32) -> Option<(usize, f32)> {
         let by_power = self.by_power.as_ref()?;
         if WEIGHED < self.list.len() {
             let (k, _) = by_power.sample(u);
@@ -133,7 +148,7 @@ impl Emitters {
         let mut weights = [0.0f32; WEIGHED];
         let mut total = 0.0;
         for (w, e) in weights.iter_mut().zip(&self.list) {
-            *w = e.importance(p, n);
+            *w = e.importance(at);
             total += *w;
         }
         if !(0.0 < total && total.is_finite()) {
@@ -180,10 +195,11 @@ impl Emitter {
 
     /// Rough share of the light at `p`: zero only where the triangle lies wholly behind the
     /// receiver or the receiver behind it.
-    fn importance(&self, p: Vec3A, n: Vec3A) -> f32 {
-        let above = self.corners.iter().any(|c| 0.0 < (*c - p).dot(n));
+    fn importance(&self, at: &Receiver) -> f32 {
+        let (p, n) = (at.position, at.normal);
+        let above = self.corners.iter().any(|c| at.below < (*c - p).dot(n));
         let side = (p - self.centre).dot(self.normal);
-        if !above || (!self.both_sides && side <= 0.0) {
+        if !above || (!self.both_sides && side <= at.below) {
             return 0.0;
         }
         let d = self.centre - p;

@@ -1,6 +1,5 @@
 //! Point, spot and directional lights: `KHR_lights_punctual`.
 
-use crate::geom::world::luminance;
 use crate::sample::warp::{Frame, square_to_cone};
 use crate::scene::model::{LightKind, LightMode, Rgb};
 use glam::{Vec3, Vec3A};
@@ -80,13 +79,6 @@ impl Punctual {
             return None;
         }
         Some(Incident { wi, distance, illuminance })
-    }
-
-    /// Luminance of what would reach a surface with normal `n` at `p` unshadowed; the weight by
-    /// which one of several lights is chosen. Zero only where the light contributes nothing.
-    #[must_use]
-    pub fn importance(&self, p: Vec3A, n: Vec3A) -> f32 {
-        self.incident(p).map_or(0.0, |i| luminance(i.illuminance) * i.wi.dot(n).max(0.0))
     }
 }
 

@@ -3,8 +3,11 @@
 //! Media are everywhere or in boxes, and of constant density or one that falls exponentially with height; where they overlap,
 //! coefficients add. Lengths are metres relative to [`crate::geom::World::origin`], coefficients per metre.
 
+mod responses;
+
 use crate::scene::model::{Density, Medium, Region, Rgb, Scene};
 use glam::{Affine3A, Vec3, Vec3A};
+pub use responses::Responses;
 
 /// All media of a scene.
 #[derive(Clone, Debug)]
@@ -32,6 +35,26 @@ pub struct Coefficients {
     pub sigma_t: Rgb,
     /// Mean cosine of scattering, weighed by the scattering of all channels.
     pub g: f32,
+}
+
+/// What a part of a ray crosses.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Crossing {
+    /// Integral of sigma_t.
+    pub optical_depth: Rgb,
+    /// Integral of sigma_s.
+    pub scattering: Rgb,
+    /// Integral of g sigma_s, all channels together.
+    pub forward: f32,
+}
+
+impl Crossing {
+    /// What is left of light.
+    #[must_use]
+    #[inline]
+    pub fn transmittance(&self) -> Rgb {
+        (-self.optical_depth).exp()
+    }
 }
 
 impl Media {
@@ -69,6 +92,23 @@ impl Media {
             }
         }
         depth
+    }
+
+    /// What a ray's first `t_max` metres cross.
+    #[must_use]
+    pub fn crossing(&self, origin: Vec3A, direction: Vec3A, t_max: f32) -> Crossing {
+        let mut out = Crossing::default();
+        for b in &self.bodies {
+            let (from, to) = overlap(&b.region, origin, direction, t_max);
+            if from < to {
+                let metres = metres(b.density, origin, direction, from, to);
+                let scattering = along(b.sigma_s, metres);
+                out.optical_depth += scattering + along(b.sigma_a, metres);
+                out.scattering += scattering;
+                out.forward += if b.g == 0.0 { 0.0 } else { b.g * scattering.element_sum() };
+            }
+        }
+        out
     }
 
     /// What is left of light along a ray's first `t_max` metres.

@@ -86,12 +86,15 @@ pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> 
             match (scene.media.len(), settings.media) {
                 (0, _) => "no medium".to_owned(),
                 (1, MediaMode::Off) => {
-                    "1 medium, ignored: --media attenuate or reference simulates it".to_owned()
+                    "1 medium, ignored: --media attenuate, table or reference simulates it".to_owned()
                 }
                 (n, MediaMode::Off) => {
-                    format!("{n} media, ignored: --media attenuate or reference simulates them")
+                    format!("{n} media, ignored: --media attenuate, table or reference simulates them")
                 }
                 (n, MediaMode::Attenuate) => format!("{n}, weakening light"),
+                (n, MediaMode::Table) => {
+                    format!("{n}, weakening light and scattering it as if without bounds")
+                }
                 (n, MediaMode::Reference) => format!("{n}, scattering paths"),
             },
         ),

@@ -13,7 +13,7 @@ use crate::geom::atlas::{self, Atlas};
 use crate::geom::shade::opacity;
 use crate::geom::{Bvh, World};
 use crate::light::Lights;
-use crate::media::Media;
+use crate::media::{Media, Responses};
 use crate::scene::document::Document;
 use crate::scene::model::Scene;
 pub use effects::Effect;
@@ -41,15 +41,17 @@ pub struct Tracing {
     pub lights: Lights,
     /// What fills the air, if it does anything.
     pub media: Option<Media>,
+    /// What it scatters, by the tables, if they are asked.
+    pub responses: Option<Responses>,
 }
 
 impl Tracing {
-    /// Places the triangles of a checked scene, builds the tree and gathers the lights.
+    /// Places the triangles of a checked scene, builds the tree, gathers the lights and adds up the tables.
     ///
     /// # Errors
     ///
     /// If the tree cannot be built.
-    pub fn new(scene: &Scene) -> Result<Self, Error> {
+    pub fn new(scene: &Scene, mode: MediaMode) -> Result<Self, Error> {
         let world = World::new(scene);
         let bvh = Bvh::build(&world, |t| {
             let surface = world.surface(t);
@@ -57,7 +59,11 @@ impl Tracing {
         })?;
         let lights = Lights::new(scene, &world);
         let media = Media::new(scene, world.origin);
-        Ok(Self { world, bvh, lights, media })
+        let responses = match &media {
+            Some(media) if mode == MediaMode::Table => Responses::new(media, world.radius)?,
+            _ => None,
+        };
+        Ok(Self { world, bvh, lights, media, responses })
     }
 }
 
@@ -95,7 +101,7 @@ pub fn make(
         )
         .into());
     }
-    let tracing = Tracing::new(&scene)?;
+    let tracing = Tracing::new(&scene, settings.media)?;
     Ok(Plan { scene, tracing, atlas, settings, findings })
 }
 

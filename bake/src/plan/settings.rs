@@ -73,6 +73,8 @@ pub enum MediaMode {
     Off,
     /// They weaken light, and scatter none.
     Attenuate,
+    /// They weaken it, and scatter it as if nothing bounded them.
+    Table,
     /// Unbiased paths scatter in them.
     Reference,
 }
@@ -84,6 +86,7 @@ impl MediaMode {
         match self {
             Self::Off => "off",
             Self::Attenuate => "attenuate",
+            Self::Table => "table",
             Self::Reference => "reference",
         }
     }

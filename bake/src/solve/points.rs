@@ -85,14 +85,18 @@ pub fn place(kernel: &Kernel<'_>, position: Vec3, normal: Vec3) -> Vertex {
     let reach = kernel.world.radius * (1.0 / 1024.0);
     let back = Ray { origin: p + n * reach, direction: -n, t_max: 1.5 * reach };
     let own = offset_distance(p.abs().max_element());
-    let offset = match kernel.closest(&back) {
-        Some(hit) => {
-            let at = kernel.world.point(hit.triangle, hit.bary);
-            if (hit.t - reach).abs() <= 2.0 * (at.offset + own) { at.offset.max(own) } else { own }
-        }
-        None => own,
-    };
-    Vertex { position: p, geometric_normal: n, shading_normal: n, offset, open: false }
+    let on_surface = kernel.closest(&back).and_then(|hit| {
+        let at = kernel.world.point(hit.triangle, hit.bary);
+        ((hit.t - reach).abs() <= 2.0 * (at.offset + own)).then_some(at.offset)
+    });
+    Vertex {
+        position: p,
+        geometric_normal: n,
+        shading_normal: n,
+        offset: on_surface.map_or(own, |offset| offset.max(own)),
+        open: false,
+        detached: on_surface.is_none(),
+    }
 }
 
 fn point(

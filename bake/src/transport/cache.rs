@@ -140,6 +140,7 @@ mod tests {
             shading_normal: Vec3A::Y,
             offset: 0.0,
             open: false,
+            detached: false,
         };
         let key = IrradianceCache::key(1.0, vec3a(0.5, 0.0, 0.0), Vec3A::Y);
         let record = |x, v| Record { position: Vec3::new(x, 0.0, 0.0), value: Vec3::splat(v) };

@@ -46,9 +46,6 @@ impl Kernel<'_> {
         for _ in 0..MAX_LAYERS {
             *rays += 1;
             let hit = self.closest(&ray)?;
-            if let Some(media) = self.media {
-                through *= media.transmittance(ray.origin, ray.direction, hit.t);
-            }
             let (vertex, reflectance) = match self.encounter(&hit, ray.direction).onward(sequence) {
                 Onward::Absorbed => return None,
                 Onward::Through { tint, origin } => {
@@ -63,7 +60,14 @@ impl Kernel<'_> {
             if cos <= 0.0 {
                 return None;
             }
-            let radiance = light.illuminance * reflectance * (cos * FRAC_1_PI);
+            let arriving = match (self.media, self.responses) {
+                (None, _) => Vec3::splat(cos * FRAC_1_PI),
+                (Some(media), None) => {
+                    media.transmittance(vertex.position, light.wi, light.distance) * (cos * FRAC_1_PI)
+                }
+                (_, Some(responses)) => self.lamp_through(responses, &vertex, &light, cos),
+            };
+            let radiance = light.illuminance * reflectance * arriving;
             let density = beams.area_density(&self.lights.suns, beam.source, &light, vertex.position, cos);
             return (radiance != Vec3::ZERO && 0.0 < density).then_some(LightVertex {
                 vertex,
@@ -92,7 +96,8 @@ impl Kernel<'_> {
         let distance = distance2.sqrt();
         let wi = d / distance;
         let (receiver, reflector) = (wi.dot(to.shading_normal), -wi.dot(light.vertex.shading_normal));
-        if !(0.0 < receiver && 0.0 < reflector && wi.is_finite()) {
+        let received = 0.0 < receiver || self.responses.is_some() && to.faces(wi, distance);
+        if !(received && 0.0 < reflector && wi.is_finite()) {
             return Vec3::ZERO;
         }
         // What a diffuse reflector sends is seen only from in front of its plane.
@@ -100,13 +105,24 @@ impl Kernel<'_> {
             return Vec3::ZERO;
         }
         let geometry = reflector / distance2;
-        let by_chance = cos_hemisphere_pdf(receiver) * geometry;
-        let factor = cos_hemisphere_pdf(receiver) * geometry / (light.density + by_chance);
+        let by_chance = cos_hemisphere_pdf(receiver.max(0.0)) * geometry;
+        let density = light.density + by_chance;
+        let t_max = distance - 2.0 * light.vertex.offset;
+        if let Some(responses) = self.responses {
+            let left = self.unblocked(to, wi, t_max, rays);
+            if left == Vec3::ZERO {
+                return left;
+            }
+            let clear = receiver.max(0.0) * reflector / distance2;
+            let normal = light.vertex.geometric_normal;
+            let spread = self.patch_spread(responses, to, wi, distance, normal, clear);
+            return light.radiance * left * spread / density;
+        }
+        let factor = cos_hemisphere_pdf(receiver) * geometry / density;
         if factor <= 0.0 {
             return Vec3::ZERO;
         }
-        let seen = self.transmittance(to, wi, distance - 2.0 * light.vertex.offset, rays);
-        light.radiance * seen * factor
+        light.radiance * self.transmittance(to, wi, t_max, rays) * factor
     }
 
     /// Weight of finding by chance that light from `source` lands at `vertex`, against connecting to a

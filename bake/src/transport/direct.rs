@@ -5,8 +5,10 @@
 //! unit of length.
 
 use crate::geom::ray::offset_distance;
+use crate::geom::world::luminance;
 use crate::geom::{Hit, Ray};
 use crate::light::beams::Source;
+use crate::light::emitters::Receiver;
 use crate::light::punctual::Incident;
 use crate::sample::Sequence;
 use crate::sample::warp::cos_hemisphere_pdf;
@@ -20,6 +22,9 @@ use std::f32::consts::FRAC_1_PI;
 /// there are more, one is chosen by what it would contribute unshadowed.
 const EXHAUSTIVE: usize = 4;
 
+/// See [`Kernel::least_cosine`].
+const LEAST_COSINE: f32 = 0.1;
+
 /// Which lights are asked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Part {
@@ -31,10 +36,34 @@ pub(crate) enum Part {
     Area,
 }
 
+/// `E / pi` straight from the lights, nits.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Direct {
+    /// Of suns and lamps.
+    pub(crate) small: Rgb,
+    /// Of emitters and sky.
+    pub(crate) area: Rgb,
+}
+
+impl Direct {
+    /// Of all lights.
+    pub(crate) fn sum(self) -> Rgb {
+        self.small + self.area
+    }
+}
+
+/// What of a light counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Share {
+    /// All.
+    All,
+    /// What media scatter: the game adds the rest.
+    Scattered,
+}
+
 impl Kernel<'_> {
-    /// `E / pi` straight from the lights at `vertex`, one sample, nits. At the receiver lights whose
-    /// direct part is left to the game are left out. `arrival` says how the vertex was found, where
-    /// connecting to beams could have found it as well.
+    /// Light straight from the lights at `vertex`, one sample. At the receiver the unscattered part of lights is left out
+    /// that the game adds. `arrival` says how the vertex was found, where connecting to beams could have found it as well.
     pub(crate) fn direct(
         &self,
         vertex: &Vertex,
@@ -43,19 +72,19 @@ impl Kernel<'_> {
         arrival: Option<Arrival>,
         sequence: &mut Sequence,
         rays: &mut u32,
-    ) -> Rgb {
+    ) -> Direct {
         let lights = self.lights;
-        let mut sum = Vec3::ZERO;
+        let mut out = Direct::default();
         let (small, area) = (part != Part::Area, part != Part::Small);
         let punctual = small && !lights.punctual.is_empty();
         let emitters = area && !lights.emitters.is_empty();
         if punctual || emitters {
             let [a, b, c, d] = sequence.next4();
             if punctual {
-                sum += self.punctual(vertex, receiver, arrival, a, rays);
+                out.small += self.punctual(vertex, receiver, arrival, a, rays);
             }
             if emitters {
-                sum += self.emitters(vertex, b, [c, d], rays);
+                out.area += self.emitters(vertex, b, [c, d], rays);
             }
         }
         let suns = small && !lights.suns.is_empty();
@@ -64,21 +93,31 @@ impl Kernel<'_> {
             let [a, b, c, d] = sequence.next4();
             let asked = if suns { lights.suns.as_slice() } else { &[] };
             for (i, sun) in asked.iter().enumerate() {
-                if receiver && sun.indirect_only {
-                    continue;
-                }
+                let Some(share) = self.share(receiver && sun.indirect_only) else { continue };
                 // Several suns share two numbers, each shifted by another multiple of the golden ratio.
                 let shift = i as f32 * 0.618_034;
                 let u = [(a + shift).fract(), (b + 2.0 * shift).fract()];
                 let light = sun.sample(u);
                 let weight = self.chance_weight(arrival, vertex, Source::Sun(i), &light);
-                sum += self.lit(vertex, &light, rays) * weight;
+                out.small += self.lit(vertex, &light, share, rays) * weight;
             }
             if sky {
-                sum += self.sky(vertex, [c, d], rays);
+                out.area += self.sky(vertex, [c, d], rays);
             }
         }
-        sum
+        if area && let Some(responses) = self.responses {
+            out.area += self.sky_by_chance(responses, vertex, sequence, rays);
+        }
+        out
+    }
+
+    /// What counts of a light of which the game may add the unscattered part; `None` if nothing does.
+    fn share(&self, of_the_game: bool) -> Option<Share> {
+        match (of_the_game, self.responses) {
+            (false, _) => Some(Share::All),
+            (true, Some(_)) => Some(Share::Scattered),
+            (true, None) => None,
+        }
     }
 
     fn punctual(
@@ -90,16 +129,23 @@ impl Kernel<'_> {
         rays: &mut u32,
     ) -> Rgb {
         let list = &self.lights.punctual;
-        let counts = |i: usize| !(receiver && list[i].indirect_only);
+        let share = |i: usize| self.share(receiver && list[i].indirect_only);
         if receiver && list.len() <= EXHAUSTIVE {
             return (0..list.len())
-                .filter(|&i| counts(i))
-                .filter_map(|i| list[i].incident(vertex.position))
-                .map(|incident| self.lit(vertex, &incident, rays))
+                .filter_map(|i| Some((share(i)?, list[i].incident(vertex.position)?)))
+                .map(|(share, incident)| self.lit(vertex, &incident, share, rays))
                 .sum();
         }
         let weight = |i: usize| {
-            if counts(i) { list[i].importance(vertex.position, vertex.shading_normal) } else { 0.0 }
+            if share(i).is_none() {
+                return 0.0;
+            }
+            match list[i].incident(vertex.position) {
+                Some(light) => {
+                    luminance(light.illuminance) * self.least_cosine(vertex, light.wi, light.distance)
+                }
+                None => 0.0,
+            }
         };
         let total: f32 = (0..list.len()).map(weight).sum();
         if !(0.0 < total && total.is_finite()) {
@@ -118,29 +164,56 @@ impl Kernel<'_> {
             }
         }
         let Some((i, probability)) = chosen else { return Vec3::ZERO };
-        list[i].incident(vertex.position).map_or(Vec3::ZERO, |x| {
-            let weight = self.chance_weight(arrival, vertex, Source::Punctual(i), &x);
-            self.lit(vertex, &x, rays) * (weight / probability)
-        })
+        let Some((share, light)) = share(i).zip(list[i].incident(vertex.position)) else { return Vec3::ZERO };
+        let weight = self.chance_weight(arrival, vertex, Source::Punctual(i), &light);
+        self.lit(vertex, &light, share, rays) * (weight / probability)
+    }
+
+    /// The cosine that a light's weight counts with; by way of media it also brings light where it is low.
+    fn least_cosine(&self, vertex: &Vertex, wi: Vec3A, distance: f32) -> f32 {
+        let cos = wi.dot(vertex.shading_normal).max(0.0);
+        if self.responses.is_some() && vertex.faces(wi, distance) { cos.max(LEAST_COSINE) } else { cos }
     }
 
     /// A light without area, as far as it is not shadowed.
-    fn lit(&self, vertex: &Vertex, light: &Incident, rays: &mut u32) -> Rgb {
+    fn lit(&self, vertex: &Vertex, light: &Incident, share: Share, rays: &mut u32) -> Rgb {
         let cos = light.wi.dot(vertex.shading_normal);
-        if cos <= 0.0 {
+        let responses = self.responses.filter(|_| vertex.faces(light.wi, light.distance));
+        if cos <= 0.0 && responses.is_none() {
             return Vec3::ZERO;
         }
         // A lamp that lies on a surface must not be hidden by that surface's rounding.
         let slack = offset_distance((vertex.position + light.wi * light.distance).abs().max_element());
         let t_max = if light.distance.is_finite() { light.distance - slack } else { f32::INFINITY };
-        light.illuminance * (cos * FRAC_1_PI) * self.transmittance(vertex, light.wi, t_max, rays)
+        let Some(responses) = responses else {
+            return light.illuminance * (cos * FRAC_1_PI) * self.transmittance(vertex, light.wi, t_max, rays);
+        };
+        let cos = if share == Share::All { cos.max(0.0) } else { 0.0 };
+        let left = self.unblocked(vertex, light.wi, t_max, rays);
+        if left == Vec3::ZERO {
+            return left;
+        }
+        light.illuminance * left * self.lamp_through(responses, vertex, light, cos)
+    }
+
+    /// How emitters see a vertex: by way of media they light it from its plane and, where it has no surface, from behind as well.
+    pub(crate) fn emitter_receiver(&self, vertex: &Vertex) -> Receiver {
+        let below = match self.responses {
+            None => 0.0,
+            Some(_) if vertex.detached => f32::NEG_INFINITY,
+            Some(_) => vertex.below(),
+        };
+        Receiver { position: vertex.position, normal: vertex.shading_normal, below }
     }
 
     fn emitters(&self, vertex: &Vertex, u: f32, v: [f32; 2], rays: &mut u32) -> Rgb {
         let n = vertex.shading_normal;
-        let Some(s) = self.lights.emitters.sample(vertex.position, n, u, v) else { return Vec3::ZERO };
+        let Some(s) = self.lights.emitters.sample(&self.emitter_receiver(vertex), u, v) else {
+            return Vec3::ZERO;
+        };
         let cos = s.wi.dot(n);
-        if cos <= 0.0 {
+        let responses = self.responses.filter(|_| vertex.faces(s.wi, s.distance));
+        if (cos <= 0.0 || s.pdf_solid_angle <= 0.0) && responses.is_none() {
             return Vec3::ZERO;
         }
         let emission = self.world.shade(self.scene, s.triangle, s.bary).emission;
@@ -148,20 +221,48 @@ impl Kernel<'_> {
             return Vec3::ZERO;
         }
         let at = self.world.point(s.triangle, s.bary);
-        let seen = self.transmittance(vertex, s.wi, s.distance - 2.0 * at.offset, rays);
-        let weight = 1.0 / (s.pdf_solid_angle + cos_hemisphere_pdf(cos));
-        emission * seen * (cos * FRAC_1_PI * weight)
+        let to = s.distance - 2.0 * at.offset;
+        let cos = cos.max(0.0);
+        let by_cosine = cos_hemisphere_pdf(cos);
+        let Some(responses) = responses else {
+            let weight = 1.0 / (s.pdf_solid_angle + by_cosine);
+            return emission * self.transmittance(vertex, s.wi, to, rays) * (cos * FRAC_1_PI * weight);
+        };
+        let facing = -s.wi.dot(at.geometric_normal);
+        let both = self.world.material(self.scene, s.triangle).double_sided;
+        // What is seen along its plane lights the medium all the same.
+        if !both && facing * s.distance < vertex.below() {
+            return Vec3::ZERO;
+        }
+        let left = self.unblocked(vertex, s.wi, to, rays);
+        if left == Vec3::ZERO {
+            return left;
+        }
+        let normal = if facing < 0.0 && both { -at.geometric_normal } else { at.geometric_normal };
+        let turn = facing.abs() / (s.distance * s.distance);
+        let spread = self.patch_spread(responses, vertex, s.wi, s.distance, normal, cos * turn);
+        emission * left * spread / (s.pdf_area + by_cosine * turn)
     }
 
     fn sky(&self, vertex: &Vertex, u: [f32; 2], rays: &mut u32) -> Rgb {
         let Some((wi, pdf)) = self.sky_direction(vertex, u) else { return Vec3::ZERO };
         let cos = wi.dot(vertex.shading_normal);
         let radiance = self.lights.sky.radiance(wi);
-        if cos <= 0.0 || pdf <= 0.0 || radiance == Vec3::ZERO {
+        let responses = self.responses.filter(|_| vertex.faces(wi, f32::INFINITY));
+        if (cos <= 0.0 && responses.is_none()) || pdf <= 0.0 || radiance == Vec3::ZERO {
             return Vec3::ZERO;
         }
-        let seen = self.transmittance(vertex, wi, f32::INFINITY, rays);
-        radiance * seen * (cos * FRAC_1_PI / (pdf + cos_hemisphere_pdf(cos)))
+        let cos = cos.max(0.0);
+        let by_cosine = cos_hemisphere_pdf(cos);
+        let Some(responses) = responses else {
+            let seen = self.transmittance(vertex, wi, f32::INFINITY, rays);
+            return radiance * seen * (cos * FRAC_1_PI / (pdf + by_cosine));
+        };
+        let left = self.unblocked(vertex, wi, f32::INFINITY, rays);
+        if left == Vec3::ZERO {
+            return left;
+        }
+        radiance * left * self.sky_spread(responses, vertex, wi, pdf + by_cosine)
     }
 
     /// A direction towards the sky and its density per steradian: by the pixels of an image, else by
@@ -203,6 +304,8 @@ impl Kernel<'_> {
 
     /// What surfaces leave of light along a segment.
     pub(crate) fn unblocked(&self, from: &Vertex, wi: Vec3A, t_max: f32, rays: &mut u32) -> Rgb {
+        // Rays start off the plane, so they are shorter by up to as much.
+        let t_max = t_max - from.offset;
         let ray: Ray = from.ray(wi, t_max);
         if t_max <= 0.0 {
             return Vec3::ONE;

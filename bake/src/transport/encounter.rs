@@ -43,6 +43,18 @@ impl Kernel<'_> {
 }
 
 impl Encounter {
+    /// Unit normal of the plane, on the side that was met.
+    pub(crate) fn normal(&self) -> Vec3A {
+        if self.front { self.at.geometric_normal } else { -self.at.geometric_normal }
+    }
+
+    /// Where light is reflected, and how much of it; what passes is left out.
+    pub(crate) fn reflection(&self) -> (Vertex, Rgb) {
+        let vertex = Vertex::front(&self.at);
+        let cover = if self.active { self.shade.cover } else { 0.0 };
+        (if self.front { vertex } else { vertex.turned() }, self.shade.albedo * cover)
+    }
+
     /// Chooses between passing and reflection by their strengths.
     pub(crate) fn onward(&self, sequence: &mut Sequence) -> Onward {
         let passing = self.shade.pass.max_element();

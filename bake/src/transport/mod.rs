@@ -4,6 +4,7 @@ pub mod cache;
 pub mod connect;
 pub mod direct;
 pub(crate) mod encounter;
+mod glow;
 pub mod path;
 mod volume;
 

@@ -8,7 +8,7 @@
 use crate::geom::world::SurfacePoint;
 use crate::geom::{Bvh, Hit, Ray, World};
 use crate::light::{Beams, Lights, SkyGuide};
-use crate::media::Media;
+use crate::media::{Media, Responses};
 use crate::plan::{MediaMode, Tracing};
 use crate::sample::Sequence;
 use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
@@ -37,6 +37,25 @@ pub(crate) const MAX_LAYERS: u32 = 256;
 /// stay small beside that of a texel.
 const BORROWED: u32 = 256;
 
+/// Which path of an estimate is walked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Stage {
+    /// The path itself.
+    Whole,
+    /// One that goes on from a place that was chosen by area, after so many reflections.
+    Branch(u32),
+}
+
+impl Stage {
+    /// Reflections before its first vertex.
+    fn first(self) -> u32 {
+        match self {
+            Self::Whole => 0,
+            Self::Branch(n) => n,
+        }
+    }
+}
+
 /// Everything a path needs.
 #[derive(Clone, Copy, Debug)]
 pub struct Kernel<'a> {
@@ -62,7 +81,9 @@ pub struct Kernel<'a> {
     pub cache: Option<&'a IrradianceCache>,
     /// What weakens light on its way.
     pub media: Option<&'a Media>,
-    /// Whether it scatters light as well.
+    /// What of it is scattered, as if nothing bounded the media; see [`crate::transport::glow`].
+    pub responses: Option<&'a Responses>,
+    /// Whether paths scatter in it.
     pub scatters: bool,
 }
 
@@ -80,6 +101,8 @@ pub struct Vertex {
     /// So much bright sky is seen from here that directions by cosine find the light: neither beams nor the
     /// guide to the sky are worth their rays.
     pub open: bool,
+    /// Not on any surface: media are lit from behind as well.
+    pub detached: bool,
 }
 
 /// One sample of what arrives at a point.
@@ -117,6 +140,7 @@ impl Vertex {
             shading_normal: at.shading_normal,
             offset: at.offset,
             open: false,
+            detached: false,
         }
     }
 
@@ -124,6 +148,17 @@ impl Vertex {
     #[must_use]
     pub fn turned(&self) -> Self {
         Self { geometric_normal: -self.geometric_normal, shading_normal: -self.shading_normal, ..*self }
+    }
+
+    /// Whether light from this direction and distance is not kept off by the vertex's own surface; what lies in its plane is not.
+    pub(crate) fn faces(&self, wi: Vec3A, distance: f32) -> bool {
+        let cos = wi.dot(self.geometric_normal);
+        0.0 <= cos || self.detached || self.below() < cos * distance
+    }
+
+    /// Places this high over the plane, which is below it, still count as in the plane, metres.
+    pub(crate) fn below(&self) -> f32 {
+        -0.5 * self.offset
     }
 
     pub(crate) fn ray(&self, direction: Vec3A, t_max: f32) -> Ray {
@@ -146,6 +181,7 @@ impl<'a> Kernel<'a> {
             sky_guide: None,
             cache: None,
             media: tracing.media.as_ref().filter(|_| media != MediaMode::Off),
+            responses: tracing.responses.as_ref().filter(|_| media == MediaMode::Table),
             scatters: media == MediaMode::Reference,
         }
     }
@@ -168,7 +204,7 @@ impl Kernel<'_> {
     /// What suns and lamps bring straight away, `E / pi`, nits: together with [`Kernel::arriving`] an
     /// estimate of the whole.
     pub(crate) fn small(&self, at: &Vertex, sequence: &mut Sequence, rays: &mut u32) -> Rgb {
-        self.direct(at, Part::Small, true, None, sequence, rays)
+        self.direct(at, Part::Small, true, None, sequence, rays).small
     }
 
     /// As [`Kernel::estimate`], without what suns and lamps bring straight away.
@@ -182,41 +218,68 @@ impl Kernel<'_> {
         {
             return self.walk_media(media, start, u, part, sequence);
         }
+        self.walk_surfaces(start, u, part, Stage::Whole, sequence)
+    }
+
+    /// A path whose legs lead from surface to surface.
+    pub(crate) fn walk_surfaces(
+        &self,
+        start: &Vertex,
+        u: [f32; 2],
+        part: Part,
+        stage: Stage,
+        sequence: &mut Sequence,
+    ) -> Estimate {
         let mut out = Estimate::default();
         let mut vertex = *start;
         let mut throughput = Vec3::ONE;
+        // Of light that suns and lamps bring to the vertex straight away.
+        let mut lit = Vec3::ONE;
         let mut turn = u;
         let mut arrival = None;
         let mut beam = LazyBeam::new(sequence);
-        for depth in 0u32.. {
-            let part = if depth == 0 { part } else { Part::All };
+        let first = stage.first();
+        for depth in first.. {
+            let part = if depth == first { part } else { Part::All };
             let direct = self.direct(&vertex, part, depth == 0, arrival, sequence, &mut out.rays);
-            let connects = !vertex.open;
+            let connects = !vertex.open || self.responses.is_some();
+            let reflects = self.bounces.is_none_or(|n| depth < n);
             if connects
-                && self.bounces.is_none_or(|n| depth < n)
+                && reflects
                 && let Some(light) = beam.get(self, &mut out.rays)
             {
                 out.indirect += throughput * self.connect(&vertex, light, &mut out.rays);
             }
+            let by_area = self.responses.filter(|_| stage == Stage::Whole && reflects);
+            if let Some(responses) = by_area {
+                out.indirect += throughput * self.by_area(responses, &vertex, depth, sequence, &mut out.rays);
+            }
             let wi = Frame::new(vertex.shading_normal).to_world(square_to_cos_hemisphere(turn));
-            let leg = self.follow(&vertex, wi, sequence, &mut out.rays);
+            let leg = self.follow(&vertex, wi, by_area, sequence, &mut out.rays);
             if depth == 0 {
-                out.direct = direct + leg.emitted;
+                out.direct = direct.small + direct.area + leg.emitted;
             } else {
-                out.indirect += throughput * (direct + leg.emitted);
+                out.indirect += lit * direct.small + throughput * (direct.area + leg.emitted);
             }
             let Some((next, reflectance)) = leg.next else { break };
             arrival = connects.then_some(leg.arrival);
-            if self.bounces.is_some_and(|n| n <= depth) {
+            if !reflects {
                 break;
             }
-            throughput *= reflectance;
+            lit = throughput * reflectance * leg.lit;
+            throughput *= reflectance * leg.rest;
+            if self.beams.is_none() || !connects {
+                lit = throughput;
+            }
+            if self.responses.is_some_and(|r| r.is_too_much(throughput)) {
+                break;
+            }
             if let Some(cache) = self.cache
                 && cache.near() <= leg.travelled
                 && let Some(cached) = cache.lookup(&next)
             {
-                let small = self.direct(&next, Part::Small, false, arrival, sequence, &mut out.rays);
-                out.indirect += throughput * (cached + small);
+                let small = self.direct(&next, Part::Small, false, arrival, sequence, &mut out.rays).small;
+                out.indirect += throughput * cached + lit * small;
                 break;
             }
             let [a, b, c, _] = sequence.next4();
@@ -229,6 +292,7 @@ impl Kernel<'_> {
                     break;
                 }
                 throughput /= survival;
+                lit /= survival;
             }
             vertex = next;
             turn = [a, b];
@@ -254,23 +318,38 @@ impl Kernel<'_> {
         (first, hit.t, wi)
     }
 
-    /// Follows a ray through whatever lets light pass, to the next reflection or the sky.
-    fn follow(&self, from: &Vertex, wi: Vec3A, sequence: &mut Sequence, rays: &mut u32) -> Leg {
+    /// Follows a ray through whatever lets light pass, to the next reflection or the sky. `by_area` says that [`Kernel::by_area`]
+    /// may find its end as well.
+    fn follow(
+        &self,
+        from: &Vertex,
+        wi: Vec3A,
+        by_area: Option<&Responses>,
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Leg {
         let pdf = cos_hemisphere_pdf(wi.dot(from.shading_normal));
         let mut ray = from.ray(wi, f32::INFINITY);
         let mut travelled = 0.0;
-        let mut leg =
-            Leg { emitted: Vec3::ZERO, next: None, arrival: Arrival { density: 0.0 }, travelled: 0.0 };
+        let mut leg = Leg {
+            emitted: Vec3::ZERO,
+            next: None,
+            lit: Vec3::ONE,
+            rest: Vec3::ONE,
+            arrival: Arrival { density: 0.0 },
+            travelled: 0.0,
+        };
         let mut through = Vec3::ONE;
         for _ in 0..MAX_LAYERS {
             *rays += 1;
-            let hit = self.closest(&ray);
-            if let Some(media) = self.media {
-                through *= media.transmittance(ray.origin, wi, hit.map_or(f32::INFINITY, |h| h.t));
-            }
-            let Some(hit) = hit else {
+            let Some(hit) = self.closest(&ray) else {
+                let sky = through * self.lights.sky.radiance(wi);
                 let other = self.sky_density(from, wi);
-                leg.emitted += through * self.lights.sky.radiance(wi) * balance(pdf, other);
+                leg.emitted += sky
+                    * match self.media {
+                        None => Vec3::splat(balance(pdf, other)),
+                        Some(media) => self.sky_through(media, from, wi, [pdf, other]),
+                    };
                 return leg;
             };
             travelled += hit.t;
@@ -278,8 +357,16 @@ impl Kernel<'_> {
             let met = self.encounter(&hit, wi);
             if met.emits {
                 let other =
-                    self.lights.emitters.pdf(from.position, from.shading_normal, hit.triangle, wi, travelled);
-                leg.emitted += through * met.shade.emission * balance(pdf, other);
+                    self.lights.emitters.pdf(&self.emitter_receiver(from), hit.triangle, wi, travelled);
+                let emission = through * met.shade.emission;
+                leg.emitted += emission
+                    * match self.media {
+                        None => Vec3::splat(balance(pdf, other)),
+                        Some(media) => {
+                            let densities = [pdf, other];
+                            self.emitter_through(media, from, wi, travelled, met.normal(), densities)
+                        }
+                    };
             }
             match met.onward(sequence) {
                 Onward::Absorbed => return leg,
@@ -292,6 +379,11 @@ impl Kernel<'_> {
                     leg.arrival = Arrival { density: pdf * cos.max(0.0) / (travelled * travelled) };
                     let reflectance = through * reflectance;
                     leg.next = (reflectance != Vec3::ZERO).then_some((vertex, reflectance));
+                    if let Some(media) = self.media {
+                        let far = [travelled, pdf];
+                        (leg.lit, leg.rest) =
+                            self.surface_through(media, by_area, from, wi, far, vertex.geometric_normal);
+                    }
                     return leg;
                 }
             }
@@ -344,6 +436,10 @@ struct Leg {
     emitted: Rgb,
     /// Where light was reflected and by how much, or `None` if it left or was absorbed.
     next: Option<(Vertex, Rgb)>,
+    /// What media make of light that suns and lamps bring to that place straight away, which beams find as well.
+    lit: Rgb,
+    /// What they make of the rest.
+    rest: Rgb,
     /// How likely the place of the reflection was found.
     arrival: Arrival,
     /// Length of the way, metres.

@@ -23,6 +23,9 @@ use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, PI};
 /// Up to this many lamps are all asked on each segment; of more, one.
 const ALL_LAMPS: usize = 4;
 
+/// Rays that pass a lamp by less than this part of its distance do not see its airlight.
+const THROUGH_A_LAMP: f32 = 1e-5;
+
 /// Where a path is.
 enum Place {
     /// At a surface, which chose the direction by cosine.
@@ -51,7 +54,7 @@ impl Kernel<'_> {
     ) -> Estimate {
         let mut out = Estimate::default();
         let mut segments = Vec::new();
-        out.direct = self.direct(start, part, true, None, sequence, &mut out.rays);
+        out.direct = self.direct(start, part, true, None, sequence, &mut out.rays).sum();
         let mut place = Place::Surface(*start);
         let mut direction = Frame::new(start.shading_normal).to_world(square_to_cos_hemisphere(u));
         let mut origin = start.ray(direction, f32::INFINITY).origin;
@@ -110,8 +113,7 @@ impl Kernel<'_> {
             if met.emits {
                 let other = match &place {
                     Place::Surface(v) => self.lights.emitters.pdf(
-                        v.position,
-                        v.shading_normal,
+                        &self.emitter_receiver(v),
                         hit.triangle,
                         direction,
                         travelled,
@@ -139,7 +141,7 @@ impl Kernel<'_> {
                     }
                     reflections += 1;
                     let direct = self.direct(&vertex, Part::All, false, None, sequence, &mut out.rays);
-                    out.indirect += throughput * direct;
+                    out.indirect += throughput * direct.sum();
                     if !survives(&mut throughput, depth, sequence) {
                         break;
                     }
@@ -231,6 +233,7 @@ impl Kernel<'_> {
             shading_normal: Vec3A::ZERO,
             offset: 0.0,
             open: false,
+            detached: false,
         };
         let left = media.transmittance(p, light.wi, light.distance);
         if left == Vec3::ZERO {
@@ -341,9 +344,9 @@ fn flight(air: &Air<'_>, throughput: Rgb, sequence: &mut Sequence) -> End {
 fn equi_angular(to_lamp: Vec3A, direction: Vec3A, from: f32, to: f32, u: f32) -> Option<(f32, f32)> {
     let nearest = to_lamp.dot(direction);
     let aside = (to_lamp - direction * nearest).length();
-    // A ray through the lamp itself: as if it passed by at the rounding of its place.
-    let aside = aside.max(1e-6 * to_lamp.length());
-    if !(0.0 < aside && from < to) {
+    // Where a ray passes a lamp within the rounding of places, its light is anything; what is left out is this part of the lamp's
+    // airlight, which falls with the sine of the angle.
+    if !(THROUGH_A_LAMP * to_lamp.length() < aside && from < to) {
         return None;
     }
     let begin = ((from - nearest) / aside).atan();

@@ -1,9 +1,10 @@
 //! Responses for baking: orders of scattering added up once for a scene, single precision, a few nanoseconds a look-up.
 
 use super::file::{Emitter, Tables};
-use super::query::{Answer, Orders, Query, QueryError};
+use super::query::{Orders, Query, QueryError};
 use crate::harmonics::zonal::{CLAMPED_COSINE, CLAMPED_COSINE_F32, double_product, norm};
 use crate::harmonics::{BANDS, Zh, real};
+use crate::response::patch::Response;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -11,11 +12,13 @@ use std::f64::consts::PI;
 const DISTANCES: usize = 96;
 /// Nearest and farthest distance.
 const ENDS: (f64, f64) = (1e-6, 1e3);
-/// Nodes over artanh(g), if g varies.
-const GS: usize = 24;
-/// Nodes over sqrt(1 - albedo), if it varies.
-const ALBEDOS: usize = 32;
-/// Nodes over the square root of |cos(theta)| on each side of a patch.
+/// Nodes over artanh(g) from -0.9 to 0.9, or the part of them that is needed.
+const GS: f64 = 24.0;
+/// Nodes over sqrt(1 - albedo), or the part of them that is needed.
+const ALBEDOS: f64 = 32.0;
+/// The same for patches.
+const PATCH_DISTANCES: usize = 64;
+/// Nodes over the square root of cos(theta) of a patch, whose back nobody sees.
 const ANGLES: usize = 16;
 
 /// Values that a quantity takes in a scene: one, or all from the first to the second.
@@ -48,6 +51,13 @@ impl Even {
             return Self { from: from as f32, per_unit: 0.0, n: 1 };
         }
         Self { from: from as f32, per_unit: ((n - 1) as f64 / (to - from)) as f32, n }
+    }
+
+    /// As many nodes as there are at `per_unit` in each unit; four at least, or one.
+    fn part(from: f64, to: f64, per_unit: f64) -> Self {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small number")]
+        let n = ((to - from) * per_unit).ceil() as usize + 1;
+        Self::new(from, to, n.max(4))
     }
 
     fn node(&self, i: usize) -> f64 {
@@ -92,7 +102,7 @@ struct Grid<const LANES: usize> {
     distance: Even,
     g: Even,
     albedo: Even,
-    /// Nodes over angle, both sides.
+    /// Nodes over angle.
     angles: usize,
     /// Distance runs fastest, then angle, g, albedo.
     entries: Vec<[f32; LANES]>,
@@ -106,22 +116,24 @@ impl<const LANES: usize> Grid<LANES> {
         orders: Orders,
         g: Range,
         albedo: Range,
-        own: impl Fn(&Answer, &Query, &mut [f32]) + Sync,
+        own: impl Fn(&Response, &Query, &mut [f32]) + Sync,
     ) -> Result<Self, QueryError> {
         let lowest = match orders {
             Orders::Span(from, _) => from.try_into().unwrap_or(i32::MAX),
             Orders::Rest => 2,
             Orders::All => 1,
         };
+        let area = emitter == Emitter::Area;
+        let distances = if area { PATCH_DISTANCES } else { DISTANCES };
         let mut out = Self {
             emitter,
             lowest,
             #[expect(clippy::cast_possible_truncation, reason = "single precision is what is asked for")]
             power: albedo.to.powi(lowest) as f32,
-            distance: Even::new(ENDS.0.ln(), ENDS.1.ln(), DISTANCES),
-            g: Even::new(g.from.atanh(), g.to.atanh(), GS),
-            albedo: Even::new((1.0 - albedo.to).sqrt(), (1.0 - albedo.from).sqrt(), ALBEDOS),
-            angles: if emitter == Emitter::Area { 2 * ANGLES } else { 1 },
+            distance: Even::new(ENDS.0.ln(), ENDS.1.ln(), distances),
+            g: Even::part(g.from.atanh(), g.to.atanh(), GS / (2.0 * 0.9f64.atanh())),
+            albedo: Even::part((1.0 - albedo.to).sqrt(), (1.0 - albedo.from).sqrt(), ALBEDOS),
+            angles: if area { ANGLES } else { 1 },
             entries: Vec::new(),
         };
         let mut columns = Vec::new();
@@ -153,19 +165,19 @@ impl<const LANES: usize> Grid<LANES> {
         &self,
         tables: &Tables,
         q: &Query,
-        own: &impl Fn(&Answer, &Query, &mut [f32]),
+        own: &impl Fn(&Response, &Query, &mut [f32]),
     ) -> Result<Vec<[f32; LANES]>, QueryError> {
         let decay = tables.decay(q);
         (0..self.distance.n)
             .map(|i| {
                 let depth = self.distance.node(i).exp();
                 let q = Query { depth, ..*q };
-                let answer = tables.query_log(&q, decay * depth)?;
+                let light = tables.light_log(&q, decay * depth)?;
                 let spread = if self.emitter == Emitter::Directional { 1.0 } else { depth };
                 let mut entry = [0.0; LANES];
-                entry[FIRST] = (answer.light[0] * spread / q.albedo.powi(self.lowest)).ln() as f32;
+                entry[FIRST] = (light[0] * spread / q.albedo.powi(self.lowest)).ln() as f32;
                 entry[DECAY] = decay as f32;
-                own(&answer, &q, &mut entry[OWN..]);
+                own(&light, &q, &mut entry[OWN..]);
                 Ok(entry)
             })
             .collect()
@@ -177,18 +189,17 @@ impl<const LANES: usize> Grid<LANES> {
         let (d, wd, _) = self.distance.at(depth.ln());
         let (ig, wg, ng) = self.g.at(if self.g.n == 1 { 0.0 } else { g.atanh() });
         let (ia, wa, na) = self.albedo.at(if self.albedo.n == 1 { 0.0 } else { (1.0 - albedo).sqrt() });
-        let (side, it, wt, nt) = if self.angles == 1 {
-            (0, 0, [1.0, 0.0, 0.0, 0.0], 1)
+        let (it, wt, nt) = if self.angles == 1 {
+            (0, [1.0, 0.0, 0.0, 0.0], 1)
         } else {
             let even = Even { from: 0.0, per_unit: (ANGLES - 1) as f32, n: ANGLES };
-            let (first, weights, n) = even.at(cosine.abs().sqrt());
-            (if cosine < 0.0 { ANGLES } else { 0 }, first, weights, n)
+            even.at(cosine.max(0.0).sqrt())
         };
         let mut sum = [0.0f32; LANES];
         for (a, &wa) in wa[..na].iter().enumerate() {
             for (k, &wg) in wg[..ng].iter().enumerate() {
                 for (t, &wt) in wt[..nt].iter().enumerate() {
-                    let column = ((ia + a) * self.g.n + ig + k) * self.angles + side + it + t;
+                    let column = ((ia + a) * self.g.n + ig + k) * self.angles + it + t;
                     let start = column * self.distance.n + d;
                     let w = wa * wg * wt;
                     for (entry, wd) in self.entries[start..start + 4].iter().zip(wd) {
@@ -233,9 +244,10 @@ impl Combined {
         if emitter == Emitter::Area {
             return Err(QueryError::Nonsense("the light of a patch is no lobe about the way to it"));
         }
-        let ratios = |answer: &Answer, _: &Query, own: &mut [f32]| {
-            for (o, z) in own.iter_mut().zip(&answer.zh[1..]) {
-                *o = (z / answer.zh[0]) as f32;
+        // About the way to the emitter, where order m = 0 is all there is.
+        let ratios = |light: &Response, _: &Query, own: &mut [f32]| {
+            for (l, o) in (1..BANDS).zip(own) {
+                *o = (light[l * (l + 1) / 2] / light[0]) as f32;
             }
         };
         Grid::new(tables, emitter, orders, g, albedo, ratios).map(Self)
@@ -262,20 +274,43 @@ impl Combined {
     }
 }
 
+/// Irradiance by the first coefficient alone, on any plane: sqrt(pi) / 2.
+const OF_FIRST: f32 = 0.886_226_9;
+
 /// Radians; the file's numbers divided by its sine are still good to 1e-3.
 const BESIDE_A_POLE: f64 = 0.1;
 
-/// Coefficients (l, m) that the irradiance depends on, 37 of them: odd bands from 3 on have no part in it.
-fn places() -> impl Iterator<Item = (usize, usize)> {
-    [1, 2, 4, 6, 8, 10].into_iter().flat_map(|l| (0..=l).map(move |m| (l, m)))
+/// Coefficients (l, m) that the irradiance is made of: odd bands from 3 on have no part in it, and the even ones beyond 4 so little
+/// that they are left out.
+const PLACES: [(usize, usize); 10] =
+    [(1, 0), (1, 1), (2, 0), (2, 1), (2, 2), (4, 0), (4, 1), (4, 2), (4, 3), (4, 4)];
+
+/// Real spherical harmonics at [`PLACES`], but for constant factors.
+#[inline(always)]
+fn polynomials([x, y, z]: [f32; 3]) -> [f32; 10] {
+    let (xx, yy, zz, xz) = (x * x, y * y, z * z, x * z);
+    let (difference, seven) = (xx - yy, 7.0 * zz);
+    [
+        z,
+        x,
+        3.0 * zz - 1.0,
+        xz,
+        difference,
+        zz * (35.0 * zz - 30.0) + 3.0,
+        xz * (seven - 3.0),
+        difference * (seven - 1.0),
+        xz * (xx - 3.0 * yy),
+        difference * difference - 4.0 * xx * yy,
+    ]
 }
 
-/// The irradiance by a patch with radiance x area 1 in a medium with sigma_t = 1.
+/// The irradiance by a patch with radiance x area 1 in a medium with sigma_t = 1, on its front side.
 ///
-/// Of full harmonics: the lobe that fits best costs up to a third of the irradiance on some planes where light is scattered
-/// backwards, and its axis jumps, so it cannot be interpolated.
+/// Of full harmonics up to band 4: the lobe that fits best costs up to a third of the irradiance on some planes where light is scattered
+/// backwards, and its axis jumps, so it cannot be interpolated. What is left out of the bands beyond is at most 2.3 % of sqrt(pi) times
+/// the first coefficient for |g| up to 0.5 and 4.4 % at 0.8, both close to a patch that faces the receiver.
 #[derive(Clone, Debug)]
-pub struct CombinedPatch(Grid<40>);
+pub struct CombinedPatch(Grid<12>);
 
 impl CombinedPatch {
     /// Adds up orders for media of the given g and albedos.
@@ -285,42 +320,48 @@ impl CombinedPatch {
     /// If the file lacks a table or a range means nothing.
     #[expect(clippy::cast_possible_truncation, reason = "single precision is what is asked for")]
     pub fn new(tables: &Tables, orders: Orders, g: Range, albedo: Range) -> Result<Self, QueryError> {
-        let own = |answer: &Answer, q: &Query, own: &mut [f32]| {
+        // Any direction tells the constant factors.
+        let any = [0.36f32, 0.48, 0.8];
+        let (exact, rough) = (real::basis(any.map(f64::from)), polynomials(any));
+        let factors: Vec<f64> = PLACES
+            .iter()
+            .zip(rough)
+            .map(|(&(l, m), p)| exact[l * (l + 1) + m] / f64::from(p) * CLAMPED_COSINE[l] / norm(l))
+            .map(|f| f / (CLAMPED_COSINE[0] / norm(0) * exact[0]))
+            .collect();
+        let own = |light: &Response, q: &Query, own: &mut [f32]| {
             // Odd coefficients vanish with the sine, whose slope would be infinite in the cosine: they are divided by it, at the
             // poles a little beside them.
             let off_pole = Query { theta: q.theta.clamp(BESIDE_A_POLE, PI - BESIDE_A_POLE), ..*q };
             let beside = if off_pole == *q {
                 None
             } else {
-                tables.query_log(&off_pole, tables.decay(q) * q.depth).ok()
+                tables.light_log(&off_pole, tables.decay(q) * q.depth).ok()
             };
-            let odd = beside.as_ref().unwrap_or(answer);
-            for (o, (l, m)) in own.iter_mut().zip(places()) {
-                let of = |a: &Answer| a.light[l * (l + 1) / 2 + m] / a.light[0];
-                let v = if m % 2 == 1 { of(odd) / off_pole.theta.sin() } else { of(answer) };
+            let odd = beside.as_ref().unwrap_or(light);
+            for ((o, (l, m)), factor) in own.iter_mut().zip(PLACES).zip(&factors) {
+                let of = |a: &Response| a[l * (l + 1) / 2 + m] / a[0];
+                let v = if m % 2 == 1 { of(odd) / off_pole.theta.sin() } else { of(light) };
                 // With the factors between light and irradiance.
-                *o = (v * CLAMPED_COSINE[l] / norm(l)) as f32;
+                *o = (v * factor) as f32;
             }
         };
         Grid::new(tables, Emitter::Area, orders, g, albedo, own).map(Self)
     }
 
     /// Irradiance for an optical depth (mean free paths), g, albedo, the cosine between the patch's normal and the way to the
-    /// receiver, and the receiver's normal in the frame of [`crate::response::patch`]: z is the way to the patch, x the part of the
+    /// receiver (below 0 it counts as 0), and the receiver's normal in the frame of [`crate::response::patch`]: z is the way to the patch, x the part of the
     /// patch's normal across it. What truncation makes negative is for the caller to clamp to 0 and count.
     #[must_use]
     #[inline]
     pub fn irradiance(&self, depth: f32, g: f32, albedo: f32, cosine: f32, normal: [f32; 3]) -> f32 {
         let (first, own) = self.0.look_up(depth, g, albedo, cosine);
-        let y = real::basis(normal);
-        #[expect(clippy::cast_possible_truncation, reason = "a constant")]
-        let (mut even, mut odd) = ((CLAMPED_COSINE[0] / norm(0)) as f32 * y[0], 0.0);
-        for ((l, m), o) in places().zip(&own[OWN..]) {
-            let part = o * y[l * (l + 1) + m];
-            if m % 2 == 1 { odd += part } else { even += part }
+        let (mut even, mut odd) = (1.0, 0.0);
+        for (((_, m), o), p) in PLACES.iter().zip(&own[OWN..]).zip(polynomials(normal)) {
+            if m % 2 == 1 { odd += o * p } else { even += o * p }
         }
         let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
-        first * (even + sine * odd)
+        first * OF_FIRST * (even + sine * odd)
     }
 }
 
@@ -334,8 +375,7 @@ pub fn strength(emitter: Emitter, strength: f32, sigma_t: f32) -> f32 {
 
 /// Angle of a node of a patch.
 fn theta(angle: usize) -> f64 {
-    let cosine = ((angle % ANGLES) as f64 / (ANGLES - 1) as f64).powi(2);
-    if angle < ANGLES { cosine.acos() } else { (-cosine).acos() }
+    (angle as f64 / (ANGLES - 1) as f64).powi(2).acos()
 }
 
 /// Coefficients along a way through media, as if they were the same everywhere on it (\[IR19\] section 4.3 and 4.4).

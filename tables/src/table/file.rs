@@ -17,6 +17,7 @@ use crate::response::patch::{self, HALF, Response};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::f64::consts::PI;
+use std::sync::LazyLock;
 
 /// First bytes of the file.
 pub const MAGIC: &[u8; 8] = b"ZHTABLE\n";
@@ -395,8 +396,9 @@ impl Tables {
         let mut ratios = [0.0; HALF];
         ratios[0] = 1.0;
         let words = at + 4 * n + 2 * block.form.ratios() * i;
+        let root: &Zh64 = &ROOTS;
         for (k, (l, place)) in block.form.places().skip(1).enumerate() {
-            ratios[place] = word(words + 2 * k) / STEPS * ((2 * l + 1) as f64).sqrt();
+            ratios[place] = word(words + 2 * k) / STEPS * root[l];
         }
         let shift = if block.form.shifted() {
             word(at + 4 * n + 2 * block.form.ratios() * n + 2 * i) / STEPS * PI
@@ -440,14 +442,26 @@ impl Tables {
     /// First coefficients differ by many orders of magnitude along an axis, so their logarithms are interpolated, and the others as
     /// parts of them.
     fn mix(&self, block: &Block, terms: &[(usize, f64)], log_factor: f64) -> (Response, f64) {
-        let (mut ratios, mut log, mut shift) = ([0.0; HALF], log_factor, 0.0);
+        let (n, width, at) = (block.entries(), block.form.ratios(), self.start + block.offset);
+        let word = |pair: &[u8]| f64::from(i16::from_le_bytes([pair[0], pair[1]]));
+        let (mut steps, mut log, mut shift) = ([0.0; HALF], log_factor, 0.0);
         for &(i, w) in terms {
-            let entry = self.entry(block, i);
-            log += w * entry.log;
-            for (_, place) in block.form.places() {
-                ratios[place] += w * entry.ratios[place];
+            let first = &self.bytes[at + 4 * i..at + 4 * i + 4];
+            log += w * f64::from(f32::from_le_bytes([first[0], first[1], first[2], first[3]]));
+            let begin = at + 4 * n + 2 * width * i;
+            for (step, pair) in steps.iter_mut().zip(self.bytes[begin..begin + 2 * width].chunks_exact(2)) {
+                *step += w * word(pair);
             }
-            shift += w * entry.shift;
+            if block.form.shifted() {
+                let begin = at + 4 * n + 2 * width * n + 2 * i;
+                shift += w * word(&self.bytes[begin..begin + 2]) / STEPS * PI;
+            }
+        }
+        let mut ratios = [0.0; HALF];
+        ratios[0] = 1.0;
+        let root: &Zh64 = &ROOTS;
+        for ((l, place), step) in block.form.places().skip(1).zip(steps) {
+            ratios[place] = step / STEPS * root[l];
         }
         let (first, shift) = (log.exp(), shift.clamp(0.0, PI));
         let mut out = ratios.map(|r| r * first);
@@ -458,6 +472,9 @@ impl Tables {
         (out, shift)
     }
 }
+
+/// sqrt(2 l + 1): the greatest that a coefficient can be as a part of the first one.
+static ROOTS: LazyLock<Zh64> = LazyLock::new(|| std::array::from_fn(|l| ((2 * l + 1) as f64).sqrt()));
 
 /// An entry of a block.
 #[derive(Clone, Copy, Debug)]

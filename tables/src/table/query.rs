@@ -76,6 +76,23 @@ impl Tables {
     ///
     /// Those of [`Tables::query`].
     pub fn query_log(&self, q: &Query, log_factor: f64) -> Result<Answer, QueryError> {
+        let sum = self.sum(q, log_factor)?;
+        if sum.full {
+            let fit = patch::Fit::new(&sum.light);
+            return Ok(Answer { zh: fit.zh, axis: fit.axis(), light: sum.light, clamped: sum.clamped });
+        }
+        // A sum of lobes is one about the mean of their axes, weighed by their fluence.
+        let length = sum.axis.iter().map(|v| v * v).sum::<f64>().sqrt();
+        let axis = if 0.0 < length { sum.axis.map(|v| v / length) } else { [0.0, 0.0, 1.0] };
+        Ok(Answer { zh: patch::about(&sum.light, axis), axis, light: sum.light, clamped: sum.clamped })
+    }
+
+    /// [`Answer::light`] of [`Tables::query_log`], without looking for the lobe that fits it best, which takes most of the time.
+    pub(super) fn light_log(&self, q: &Query, log_factor: f64) -> Result<Response, QueryError> {
+        self.sum(q, log_factor).map(|sum| sum.light)
+    }
+
+    fn sum(&self, q: &Query, log_factor: f64) -> Result<Sum, QueryError> {
         if !(0.0..f64::INFINITY).contains(&q.depth) || (q.depth == 0.0 && q.emitter != Emitter::Directional) {
             return Err(QueryError::Nonsense("a distance is a positive number of mean free paths"));
         }
@@ -104,14 +121,7 @@ impl Tables {
                 self.add(q, Part::Rest, log_factor, &mut sum)?;
             }
         }
-        if sum.full {
-            let fit = patch::Fit::new(&sum.light);
-            return Ok(Answer { zh: fit.zh, axis: fit.axis(), light: sum.light, clamped: sum.clamped });
-        }
-        // A sum of lobes is one about the mean of their axes, weighed by their fluence.
-        let length = sum.axis.iter().map(|v| v * v).sum::<f64>().sqrt();
-        let axis = if 0.0 < length { sum.axis.map(|v| v / length) } else { [0.0, 0.0, 1.0] };
-        Ok(Answer { zh: patch::about(&sum.light, axis), axis, light: sum.light, clamped: sum.clamped })
+        Ok(sum)
     }
 
     /// About how fast the light of a question falls with depth D: like exp(-decay D), but for a factor that changes slowly.

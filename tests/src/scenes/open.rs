@@ -1,7 +1,7 @@
 //! A plane with lamps, a sky, or things between them.
 
 use glam::{Quat, Vec3};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::{
     gltf::{Glb, Id, Kind, Material, Node, looking, png},
@@ -132,5 +132,37 @@ pub fn glass_pane(transmission: f32, tint: [f32; 3]) -> Vec<u8> {
         std::f32::consts::PI,
         Node::new("sun").turned(looking(Vec3::NEG_Y)),
     );
+    glb.finish()
+}
+
+/// A lamp of `candela` at a height of `height` metres in fog without end, and nothing else but a black speck 30 m away.
+#[must_use]
+pub fn lamp_in_fog(height: f32, candela: f32, fog: &Value) -> Vec<u8> {
+    let mut glb = Glb::new();
+    let mut s = Shape::default();
+    s.polygon(&[Vec3::X, Vec3::Y, Vec3::Z].map(|v| 0.01 * v + 30.0 * Vec3::X));
+    let black = glb.material(&Material::matte("speck", [0.0; 3]));
+    let mesh = glb.mesh("speck", &[(&s, black)]);
+    glb.node(Node::new("speck").mesh(mesh));
+    lamp(&mut glb, Kind::Point, [1.0; 3], candela, Node::new("lamp").at([0.0, height, 0.0]));
+    glb.scene_extra("media", json!([fog]));
+    glb.finish()
+}
+
+/// A square of 1 m in the plane y = 0, that shines with `emission` nits or reflects half of the light of a lamp of `candela` 1 m above its
+/// middle, in fog without end.
+#[must_use]
+pub fn square_in_fog(emission: f32, candela: f32, fog: &Value) -> Vec<u8> {
+    let mut glb = Glb::new();
+    let mut s = Shape::default();
+    s.grid(Vec3::new(-0.5, 0.0, 0.5), Vec3::X, Vec3::NEG_Z, 1, 1);
+    let material = Material::matte("square", [if 0.0 < emission { 0.0 } else { 0.5 }; 3]);
+    let material = glb.material(&material.emitting([emission; 3]));
+    let mesh = glb.mesh("square", &[(&s, material)]);
+    glb.node(Node::new("square").mesh(mesh));
+    if 0.0 < candela {
+        lamp(&mut glb, Kind::Point, [1.0; 3], candela, Node::new("lamp").at([0.0, 1.0, 0.0]));
+    }
+    glb.scene_extra("media", json!([fog]));
     glb.finish()
 }

@@ -37,7 +37,18 @@ impl Available {
     #[expect(unsafe_code, reason = "needs the processor's features")]
     pub(super) fn occluded(self, bvh: &Bvh, ray: &Ray, blocks: impl FnMut(&Hit) -> bool) -> bool {
         // SAFETY: as above.
-        unsafe { occluded(bvh, ray, blocks) }
+        unsafe { occluded::<false>(bvh, ray, blocks) }
+    }
+
+    #[inline]
+    #[expect(unsafe_code, reason = "needs the processor's features")]
+    pub(super) fn every(self, bvh: &Bvh, ray: &Ray, mut visit: impl FnMut(&Hit)) {
+        let pass = |hit: &Hit| {
+            visit(hit);
+            false
+        };
+        // SAFETY: as above.
+        unsafe { occluded::<true>(bvh, ray, pass) };
     }
 }
 
@@ -47,8 +58,8 @@ fn closest(bvh: &Bvh, ray: &Ray, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
 }
 
 #[target_feature(enable = "avx2,fma,bmi1")]
-fn occluded(bvh: &Bvh, ray: &Ray, blocks: impl FnMut(&Hit) -> bool) -> bool {
-    traverse::occluded::<Avx2>(bvh, ray, blocks)
+fn occluded<const ALL: bool>(bvh: &Bvh, ray: &Ray, blocks: impl FnMut(&Hit) -> bool) -> bool {
+    traverse::occluded::<Avx2, ALL>(bvh, ray, blocks)
 }
 
 struct Avx2 {

@@ -103,7 +103,19 @@ impl Bvh {
         if let Some(avx2) = self.avx2 {
             return avx2.occluded(self, ray, blocks);
         }
-        traverse::occluded::<Portable>(self, ray, blocks)
+        traverse::occluded::<Portable, false>(self, ray, blocks)
+    }
+
+    /// Visits every hit before the ray's end once, in an order that is the same on every run.
+    pub fn every(&self, ray: &Ray, mut visit: impl FnMut(&Hit)) {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(avx2) = self.avx2 {
+            return avx2.every(self, ray, visit);
+        }
+        traverse::occluded::<Portable, true>(self, ray, |hit| {
+            visit(hit);
+            false
+        });
     }
 
     /// Bytes held.

@@ -224,9 +224,13 @@ pub(super) fn closest<K: Kernel>(bvh: &Bvh, ray: &Ray, accept: impl Fn(&Hit) -> 
     }
 }
 
-/// See [`Bvh::occluded`].
+/// See [`Bvh::occluded`]; with `ALL`, every triangle is asked about.
 #[inline(always)]
-pub(super) fn occluded<K: Kernel>(bvh: &Bvh, ray: &Ray, mut blocks: impl FnMut(&Hit) -> bool) -> bool {
+pub(super) fn occluded<K: Kernel, const ALL: bool>(
+    bvh: &Bvh,
+    ray: &Ray,
+    mut blocks: impl FnMut(&Hit) -> bool,
+) -> bool {
     if !is_valid(ray) {
         return false;
     }
@@ -241,7 +245,7 @@ pub(super) fn occluded<K: Kernel>(bvh: &Bvh, ray: &Ray, mut blocks: impl FnMut(&
             let block = bvh.block(current);
             let mut mask = kernel.triangles(block, ray.t_max, &mut hits);
             if mask != 0 {
-                if mask & !bvh.asking(current) != 0 {
+                if !ALL && mask & !bvh.asking(current) != 0 {
                     return true;
                 }
                 while mask != 0 {
