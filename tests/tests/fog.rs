@@ -119,11 +119,11 @@ fn a_square_in_endless_fog() {
         let got = tool::points(
             &dir.path().join("scene.glb"),
             &at,
-            &["--media", "table", "--target-error", "0.002"],
+            &["--media", "table", "--bounces", "1", "--target-error", "0.002"],
         );
         for ([p, n], [value, error]) in at.iter().zip(&got) {
-            let cells = 40;
-            let mut want = if candela == 0.0 { 0.0 } else { lamp(*p, *n) };
+            let cells = 24;
+            let mut want = 0.0;
             for i in 0..cells * cells {
                 let on = |k: i32| (f64::from(k) + 0.5) / f64::from(cells) - 0.5;
                 let y = [on(i % cells), 0.0, on(i / cells)];
@@ -151,10 +151,12 @@ fn a_square_in_endless_fog() {
                 let clear = cos.max(0.0) * z.max(0.0) * (-q.depth).exp() / (length * length);
                 want += radiance * (glow + clear) / f64::from(cells * cells);
             }
-            // Bands beyond the fourth are left out of what baking asks: 1.5 %.
-            let allowed = 0.015 * want + 3.0 * error[0];
-            println!("{p:?} {n:?}: {} +- {} wanted {want}", value[0], error[0]);
-            assert!((value[0] - want).abs() < allowed, "{p:?} {n:?}: {value:?} {want}");
+            let lamp = if candela == 0.0 { 0.0 } else { lamp(*p, *n) };
+            let got = value[0] - lamp;
+            // Bands beyond the fourth are left out of what baking asks: 2 % of what a receiver that faces the square gets.
+            let allowed = 0.02 * want + 3e-4 * lamp + 3.0 * error[0];
+            println!("{p:?} {n:?}: {got} +- {} wanted {want}, and {lamp} of the lamp", error[0]);
+            assert!((got - want).abs() < allowed, "{p:?} {n:?}: {value:?} {want}");
         }
     }
 }

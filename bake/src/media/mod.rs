@@ -53,7 +53,7 @@ impl Crossing {
     #[must_use]
     #[inline]
     pub fn transmittance(&self) -> Rgb {
-        (-self.optical_depth).exp()
+        left(self.optical_depth)
     }
 }
 
@@ -114,7 +114,7 @@ impl Media {
     /// What is left of light along a ray's first `t_max` metres.
     #[must_use]
     pub fn transmittance(&self, origin: Vec3A, direction: Vec3A, t_max: f32) -> Rgb {
-        (-self.optical_depth(origin, direction, t_max)).exp()
+        left(self.optical_depth(origin, direction, t_max))
     }
 
     /// The segments of a ray's first `t_max` metres that hold a medium, in order.
@@ -162,6 +162,12 @@ impl Media {
     }
 }
 
+/// What an optical depth leaves of light.
+#[inline]
+fn left(depth: Rgb) -> Rgb {
+    if depth.x == depth.y && depth.y == depth.z { Vec3::splat((-depth.x).exp()) } else { (-depth).exp() }
+}
+
 fn density(density: Density, y: f32) -> f32 {
     match density {
         Density::Constant => 1.0,
@@ -204,6 +210,17 @@ fn overlap(region: &Region, origin: Vec3A, direction: Vec3A, t_max: f32) -> (f32
 }
 
 fn slabs(min: Vec3, max: Vec3, origin: Vec3A, direction: Vec3A, t_max: f32) -> (f32, f32) {
+    let inverse = direction.recip();
+    if !inverse.is_finite() {
+        return slabs_along_faces(min, max, origin, direction, t_max);
+    }
+    let (a, b) = ((Vec3A::from(min) - origin) * inverse, (Vec3A::from(max) - origin) * inverse);
+    (a.min(b).max_element().max(0.0), a.max(b).min_element().min(t_max))
+}
+
+/// [`slabs`] for rays that may be parallel to faces.
+#[cold]
+fn slabs_along_faces(min: Vec3, max: Vec3, origin: Vec3A, direction: Vec3A, t_max: f32) -> (f32, f32) {
     let (mut from, mut to) = (0.0f32, t_max);
     for axis in 0..3 {
         let (o, d) = (origin[axis], direction[axis]);

@@ -58,6 +58,14 @@ impl Sequence {
         Self { seed: mix64(self.seed as u64 ^ 0x666f_726b) as u32, index: self.index, set: 0 }
     }
 
+    /// A number in [0, 1) that is cheap and not stratified: for decisions that few samples take. It belongs to the dimensions
+    /// that [`Sequence::next4`] gives next.
+    #[must_use]
+    pub fn coin(&self) -> f32 {
+        let place = u64::from(self.seed) << 32 | u64::from(self.index);
+        unit(mix64(place ^ (u64::from(self.set) + 1).wrapping_mul(0xa076_1d64_78bd_642f)) >> 40)
+    }
+
     /// The next four dimensions, each uniform in [0, 1).
     pub fn next4(&mut self) -> [f32; 4] {
         let set = self.set;

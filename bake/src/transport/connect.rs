@@ -96,14 +96,16 @@ impl Kernel<'_> {
         let distance = distance2.sqrt();
         let wi = d / distance;
         let (receiver, reflector) = (wi.dot(to.shading_normal), -wi.dot(light.vertex.shading_normal));
-        let received = 0.0 < receiver || self.responses.is_some() && to.faces(wi, distance);
-        if !(received && 0.0 < reflector && wi.is_finite()) {
+        let from = &light.vertex;
+        // What a diffuse reflector sends is seen only from in front of its plane; by way of media also in it.
+        let seen = match self.responses {
+            None => 0.0 < receiver && 0.0 < reflector && 0.0 < -wi.dot(from.geometric_normal),
+            Some(_) => to.faces(wi, distance) && from.faces(-wi, distance),
+        };
+        if !(seen && wi.is_finite()) {
             return Vec3::ZERO;
         }
-        // What a diffuse reflector sends is seen only from in front of its plane.
-        if -wi.dot(light.vertex.geometric_normal) <= 0.0 {
-            return Vec3::ZERO;
-        }
+        let reflector = reflector.max(0.0);
         let geometry = reflector / distance2;
         let by_chance = cos_hemisphere_pdf(receiver.max(0.0)) * geometry;
         let density = light.density + by_chance;

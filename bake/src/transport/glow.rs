@@ -143,11 +143,11 @@ impl Kernel<'_> {
         rays: &mut u32,
     ) -> Rgb {
         let (Some(media), false) = (self.media, self.lights.sky.is_black()) else { return Vec3::ZERO };
-        let [a, b, c, _] = sequence.next4();
-        if CHORDS <= a {
+        if CHORDS <= sequence.coin() {
             return Vec3::ZERO;
         }
-        let mut wi = even_direction([b, c]);
+        let [a, b, _, _] = sequence.next4();
+        let mut wi = even_direction([a, b]);
         if !at.detached && wi.dot(at.geometric_normal) < 0.0 {
             wi = -wi;
         }
@@ -172,12 +172,13 @@ impl Kernel<'_> {
         sequence: &mut Sequence,
         rays: &mut u32,
     ) -> Rgb {
-        let [a, b, c, d] = sequence.next4();
         let reach = responses.reach();
-        let Some(media) = self.media.filter(|_| a < CHORDS && 0.0 < reach) else { return Vec3::ZERO };
+        let chance = sequence.coin() < CHORDS;
+        let Some(media) = self.media.filter(|_| chance && 0.0 < reach) else { return Vec3::ZERO };
+        let [a, b, c, d] = sequence.next4();
         let [e, f, g, h] = sequence.next4();
         let lifted = at.position + at.geometric_normal * at.offset;
-        let chord = chord(lifted, reach * (a / CHORDS), [b, c], [d, e]);
+        let chord = chord(lifted, reach * a, [b, c], [d, e]);
         *rays += 1;
         let Some((hit, n)) = self.one_of_all(&chord, lifted, f) else { return Vec3::ZERO };
         // From above the plane, so that what lies in it is seen from its front.
