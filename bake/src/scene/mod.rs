@@ -19,3 +19,4 @@ mod read;
 pub mod sky;
 pub mod texture;
 mod uri;
+pub mod voxels;
