@@ -3,6 +3,7 @@
 //! Voxel space has a voxel at every whole step: voxel (i, j, k) is the box from (i, j, k) to (i + 1, j + 1, k + 1), lower
 //! faces included, so that whatever lies in a face is in one voxel. Rays through grids are in `media::march`.
 
+pub mod ktx;
 pub mod raw;
 mod sparse;
 #[cfg(test)]
