@@ -4,6 +4,7 @@
 //! faces included, so that whatever lies in a face is in one voxel. Rays through grids are in `media::march`.
 
 pub mod ktx;
+pub mod noise;
 pub mod raw;
 mod sparse;
 #[cfg(test)]
