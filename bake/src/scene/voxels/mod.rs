@@ -9,6 +9,7 @@ pub mod raw;
 mod sparse;
 #[cfg(test)]
 mod tests;
+pub mod vdb;
 
 use glam::{Affine3A, USizeVec3, UVec3, Vec3A, uvec3};
 use rayon::prelude::*;
