@@ -3,6 +3,7 @@
 //! Media are everywhere or in boxes, and of constant density or one that falls exponentially with height; where they overlap,
 //! coefficients add. Lengths are metres relative to [`crate::geom::World::origin`], coefficients per metre.
 
+pub mod boundary;
 pub mod march;
 mod responses;
 
