@@ -220,3 +220,49 @@ fn height_fog_weakens_the_sun_and_keeps_a_furnace() {
     let baked = tool::baked(&closed::furnace(0.5, 1.0), &args);
     check("furnace with height fog", &baked.cases(any, |_, _| DVec3::splat(2.0)), 3 * 90);
 }
+
+/// Fog of every kind that varies from place to place, alone and one in the other, loses and adds nothing in a furnace.
+#[test]
+fn furnace_with_clouds_is_a_furnace() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let space = "box = { min = [-2, -2, -2], max = [2, 2, 2] }";
+    let noise = format!(
+        "{{ sigma_s = [0.5, 2, 4], g = 0.4, {space}, density = {{ noise = {{ scale = 0.7, resolution = 24 }} }} }}"
+    );
+    let stencil = format!(
+        "{{ sigma_s = [3, 1, 0.2], g = -0.3, {space}, density = {{ stencil = {{ size = [2, 1, 2], values = [0, 1, 0.5, 2] }} }} }}"
+    );
+    let haze = "{ sigma_s = 0.3, density = { height = { base = 0, falloff = 1 } } }";
+    for (what, media) in [("noise", noise.clone()), ("all together", format!("{noise}, {stencil}, {haze}"))] {
+        let config = fog(&dir, &media);
+        let args =
+            ["--samples", "256", "--texels-per-metre", "4", "--media", "reference", "--config", &config];
+        let baked = tool::baked(&closed::furnace(0.5, 1.0), &args);
+        check(&format!("furnace, {what}"), &baked.cases(any, |_, _| DVec3::splat(2.0)), 3 * 90);
+    }
+}
+
+/// Slabs that absorb, as a stencil, as a file of bare numbers, and around a hole, weaken a sun as their depths say.
+#[test]
+fn absorbing_grids_weaken_the_sun() {
+    let dir = tempfile::tempdir().expect("a folder");
+    // Two layers: 1 below, 3 above.
+    std::fs::write(dir.path().join("layers.raw"), [1.0f32, 3.0].map(f32::to_le_bytes).concat())
+        .expect("a file");
+    let space = "box = { min = [-99, 0.5, -99], max = [99, 1, 99] }";
+    let direction = Vec3::new(0.3, -1.0, 0.4).normalize();
+    let cos = f64::from(-direction.y);
+    let want =
+        DVec3::new(0.25, 1.0, 4.0).to_array().map(|s| 1000.0 * cos / PI * (-s * 0.5 * 2.0 / cos).exp());
+    for density in [
+        "{ stencil = { size = [1, 2, 1], values = [1, 3] } }",
+        "{ raw = \"layers.raw\", size = [1, 2, 1], format = \"f32\" }",
+    ] {
+        let config = fog(&dir, &format!("{{ sigma_a = [0.25, 1, 4], {space}, density = {density} }}"));
+        for mode in ["attenuate", "table", "reference"] {
+            let args = ["--samples", "16", "--texels-per-metre", "5", "--media", mode, "--config", &config];
+            let baked = tool::baked(&open::under_sun(1000.0, direction, 0.0), &args);
+            check_all(&format!("{density}, {mode}"), &baked, |_, _| DVec3::from(want));
+        }
+    }
+}

@@ -160,3 +160,47 @@ fn a_square_in_endless_fog() {
         }
     }
 }
+
+/// Real smoke that only absorbs, in front of a lamp: what `attenuate` and `table` say is what unbiased paths find. Level sets are refused.
+#[test]
+fn smoke_that_absorbs() {
+    let Some(shared) = suite::shared("smoke_that_absorbs") else { return };
+    let volumes = shared.join("scenes/volumes");
+    let smoke = |file: &str, more: &str| {
+        let path = volumes.join(file);
+        format!(
+            "media = [{{ sigma_a = [2, 4, 8], {more} density = {{ vdb = {:?} }}, box = {{ min = [-0.7, 0.6, -0.7], max = [0.7, 3.4, 0.7] }} }}]\n",
+            path.to_str().expect("a readable path")
+        )
+    };
+    let dir = tempfile::tempdir().expect("a folder");
+    let config = dir.path().join("smoke.toml");
+    let config_path = config.to_str().expect("a readable path");
+    std::fs::write(&config, smoke("openvdb-smoke.vdb", "")).expect("a file");
+    let room = shared.join("oracles/rooms/surface_point.glb");
+    let at = [
+        [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+        [[0.3, 0.0, -0.2], [0.0, 1.0, 0.0]],
+        [[1.5, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    ];
+    let of = |mode: &str| {
+        tool::points(&room, &at, &["--config", config_path, "--media", mode, "--target-error", "0.005"])
+    };
+    let reference = of("reference");
+    for mode in ["attenuate", "table"] {
+        for ((got, want), [p, _]) in of(mode).iter().zip(&reference).zip(&at) {
+            for c in 0..3 {
+                let allowed = 4.0 * got[1][c].hypot(want[1][c]);
+                assert!((got[0][c] - want[0][c]).abs() < allowed, "{mode} {p:?}: {got:?} {want:?}");
+            }
+        }
+    }
+    assert!(reference[0][0][2] < 0.9 * reference[0][0][0], "{reference:?}: the smoke is in the way");
+    std::fs::write(&config, smoke("openvdb-sphere.vdb", "")).expect("a file");
+    let scene = room.to_str().expect("a readable path");
+    let refused = tool::bake(&["check", scene, "--config", config_path], dir.path()).expect(2);
+    assert!(
+        refused.stderr.contains("level set") && refused.stderr.contains("media[0].density.vdb"),
+        "{refused}"
+    );
+}

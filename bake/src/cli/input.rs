@@ -66,6 +66,7 @@ pub(crate) fn load(args: &SceneArgs) -> Result<Input, Error> {
     };
     let (scene, more) = gltf::load(&document, &config, &LoadOptions { light_units, sky });
     findings.extend(more);
+    findings.extend(crate::media::findings(&scene));
     findings.extend(idle(&config.run));
     findings.sort_by_key(|f| std::cmp::Reverse(f.severity));
     Ok(Input { document, scene, findings, run: config.run, light_units })

@@ -1,20 +1,71 @@
 //! Participating media: what a ray crosses on its way, in closed form.
 //!
-//! Media are everywhere or in boxes, and of constant density or one that falls exponentially with height; where they overlap,
-//! coefficients add. Lengths are metres relative to [`crate::geom::World::origin`], coefficients per metre.
+//! Media are everywhere, in boxes or in closed meshes, and of constant density, one that falls exponentially with height, or that of a grid
+//! of voxels; where they overlap, coefficients add. Lengths are metres relative to [`crate::geom::World::origin`], coefficients per metre.
 
 pub mod boundary;
 pub mod march;
 mod responses;
 
-use crate::scene::model::{Density, Medium, Region, Rgb, Scene};
+use crate::error::Finding;
+use crate::scene::model::{Density, Medium, Region, Rgb, Scene, Shell};
+use crate::scene::voxels::Voxels;
+use boundary::Boundary;
 use glam::{Affine3A, Vec3, Vec3A};
+use march::March;
 pub use responses::Responses;
+use std::cell::RefCell;
+use std::sync::Arc;
 
 /// All media of a scene.
 #[derive(Clone, Debug)]
 pub struct Media {
-    bodies: Vec<Medium>,
+    bodies: Vec<Body>,
+}
+
+/// One of them.
+#[derive(Clone, Debug)]
+struct Body {
+    sigma_s: Rgb,
+    sigma_a: Rgb,
+    g: f32,
+    density: Density,
+    shape: Shape,
+}
+
+/// Where it is.
+#[derive(Clone, Debug)]
+enum Shape {
+    Everywhere,
+    Box {
+        min: Vec3,
+        max: Vec3,
+    },
+    /// Where the affine map leads into the cube [0, 1]^3.
+    Turned(Affine3A),
+    Mesh(Boundary),
+}
+
+/// What is doubtful about the media of a scene.
+#[must_use]
+pub fn findings(scene: &Scene) -> Vec<Finding> {
+    let mut out = Vec::new();
+    for medium in &scene.media {
+        let Region::Mesh(shell) = &medium.region else { continue };
+        if let Some((edges, at)) = boundary(shell).open_edges() {
+            let what = format!(
+                "the mesh around the medium is not closed: {edges} edges belong to one triangle, or to two that are turned against \
+                 each other, such as the one at {at}"
+            );
+            let fix = "close the mesh; rays through a hole meet the medium up to the mesh's bounds";
+            out.push(Finding::warning(&medium.path, what, fix));
+        }
+    }
+    out
+}
+
+fn boundary(shell: &Shell) -> Boundary {
+    Boundary::new(shell.positions.clone(), shell.triangles.clone())
 }
 
 /// A part of a ray that is inside the same media throughout.
@@ -63,24 +114,23 @@ impl Media {
     /// The media of a scene whose world has its origin at `origin`; `None` if nothing is scattered or absorbed.
     #[must_use]
     pub fn new(scene: &Scene, origin: Vec3) -> Option<Self> {
-        let mut bodies = scene.media.clone();
-        bodies.retain(|b| b.sigma_s + b.sigma_a != Vec3::ZERO);
-        for b in &mut bodies {
-            match &mut b.region {
-                Region::Everywhere => {}
-                Region::Box { min, max } => {
-                    *min -= origin;
-                    *max -= origin;
-                }
-                Region::Turned { unit_from_world } => {
-                    *unit_from_world *= Affine3A::from_translation(origin);
-                }
-            }
-            if let Density::Height { base, .. } = &mut b.density {
-                *base -= origin.y;
-            }
-        }
+        let bodies: Vec<Body> = scene
+            .media
+            .iter()
+            .filter(|m| m.sigma_s + m.sigma_a != Vec3::ZERO)
+            .map(|m| Body::new(m, origin))
+            .collect();
         (!bodies.is_empty()).then_some(Self { bodies })
+    }
+
+    /// Bytes that grids of voxels hold.
+    #[must_use]
+    pub fn bytes(scene: &Scene) -> u64 {
+        let grids = scene.media.iter().map(|m| match &m.density {
+            Density::Voxels { values, .. } => values.memory() as u64,
+            Density::Constant | Density::Height { .. } => 0,
+        });
+        grids.sum()
     }
 
     /// Optical depth of a ray's first `t_max` metres, channel by channel; infinite where a medium goes on for ever.
@@ -88,9 +138,9 @@ impl Media {
     pub fn optical_depth(&self, origin: Vec3A, direction: Vec3A, t_max: f32) -> Rgb {
         let mut depth = Vec3::ZERO;
         for b in &self.bodies {
-            let (from, to) = overlap(&b.region, origin, direction, t_max);
-            if from < to {
-                depth += along(b.sigma_s + b.sigma_a, metres(b.density, origin, direction, from, to));
+            let metres = b.metres(origin, direction, t_max);
+            if 0.0 < metres {
+                depth += along(b.sigma_s + b.sigma_a, metres);
             }
         }
         depth
@@ -101,9 +151,8 @@ impl Media {
     pub fn crossing(&self, origin: Vec3A, direction: Vec3A, t_max: f32) -> Crossing {
         let mut out = Crossing::default();
         for b in &self.bodies {
-            let (from, to) = overlap(&b.region, origin, direction, t_max);
-            if from < to {
-                let metres = metres(b.density, origin, direction, from, to);
+            let metres = b.metres(origin, direction, t_max);
+            if 0.0 < metres {
                 let scattering = along(b.sigma_s, metres);
                 out.optical_depth += scattering + along(b.sigma_a, metres);
                 out.scattering += scattering;
@@ -122,22 +171,24 @@ impl Media {
     /// The segments of a ray's first `t_max` metres that hold a medium, in order.
     pub fn segments(&self, origin: Vec3A, direction: Vec3A, t_max: f32, out: &mut Vec<Segment>) {
         out.clear();
-        let spans: Vec<(f32, f32)> =
-            self.bodies.iter().map(|b| overlap(&b.region, origin, direction, t_max)).collect();
-        let mut ends: Vec<f32> = spans.iter().filter(|s| s.0 < s.1).flat_map(|s| [s.0, s.1]).collect();
+        let mut spans: Vec<(usize, f32, f32)> = Vec::new();
+        for (i, b) in self.bodies.iter().enumerate() {
+            b.parts(origin, direction, t_max, |from, to| spans.push((i, from, to)));
+        }
+        let mut ends: Vec<f32> = spans.iter().flat_map(|s| [s.1, s.2]).collect();
         ends.sort_by(f32::total_cmp);
         ends.dedup();
         for pair in ends.windows(2) {
             let (from, to) = (pair[0], pair[1]);
-            let inside = |s: &(f32, f32)| s.0 <= from && to <= s.1;
-            let bodies = spans.iter().enumerate().filter(|(_, s)| inside(s)).fold(0, |m, (i, _)| m | 1 << i);
+            let inside = |s: &&(usize, f32, f32)| s.1 <= from && to <= s.2;
+            let bodies = spans.iter().filter(inside).fold(0, |m, (i, ..)| m | 1 << i);
             if bodies != 0 {
                 out.push(Segment { from, to, bodies });
             }
         }
     }
 
-    fn inside(&self, segment: Segment) -> impl Iterator<Item = &Medium> {
+    fn inside(&self, segment: Segment) -> impl Iterator<Item = &Body> {
         self.bodies.iter().enumerate().filter(move |(i, _)| segment.bodies >> i & 1 == 1).map(|(_, b)| b)
     }
 
@@ -145,8 +196,76 @@ impl Media {
     #[must_use]
     pub fn depth_within(&self, segment: Segment, origin: Vec3A, direction: Vec3A, to: f32) -> Rgb {
         self.inside(segment)
-            .map(|b| along(b.sigma_s + b.sigma_a, metres(b.density, origin, direction, segment.from, to)))
+            .map(|b| along(b.sigma_s + b.sigma_a, metres(&b.density, origin, direction, segment.from, to)))
             .sum()
+    }
+
+    /// The place in a segment up to which the optical depth of one channel is `wanted`, exactly; `None` where several media of
+    /// which one is a grid overlap, or none is a grid.
+    #[must_use]
+    pub fn place_in_grid(
+        &self,
+        segment: Segment,
+        origin: Vec3A,
+        direction: Vec3A,
+        channel: usize,
+        wanted: f32,
+    ) -> Option<f32> {
+        let mut inside = self.inside(segment);
+        let (Some(b), None) = (inside.next(), inside.next()) else { return None };
+        let Density::Voxels { values, voxels_from_world } = &b.density else { return None };
+        let march = march(values, voxels_from_world, origin, direction);
+        let amount = wanted / (b.sigma_s + b.sigma_a)[channel];
+        Some(march.reach(segment.from, segment.to, amount).unwrap_or(segment.to))
+    }
+
+    /// Whether a segment holds a grid and more.
+    #[must_use]
+    pub fn is_mixed(&self, segment: Segment) -> bool {
+        let grids = |b: &&Body| matches!(b.density, Density::Voxels { .. });
+        1 < segment.bodies.count_ones() && self.inside(segment).any(|b| grids(&b))
+    }
+
+    /// Parts of a segment with a bound of sigma_t in one channel that holds throughout each, in order: the bricks of its grids.
+    pub fn majorants(
+        &self,
+        segment: Segment,
+        origin: Vec3A,
+        direction: Vec3A,
+        channel: usize,
+        out: &mut Vec<(f32, f32, f32)>,
+    ) {
+        out.clear();
+        out.push((segment.from, segment.to, 0.0));
+        for b in self.inside(segment) {
+            let sigma = (b.sigma_s + b.sigma_a)[channel];
+            let Density::Voxels { values, voxels_from_world } = &b.density else {
+                for part in out.iter_mut() {
+                    let ends = [part.0, part.1].map(|t| density(&b.density, origin + direction * t));
+                    part.2 += sigma * ends[0].max(ends[1]);
+                }
+                continue;
+            };
+            // Cuts the parts at the bricks' ends.
+            let (mut parts, mut k) = (Vec::with_capacity(2 * out.len()), 0);
+            march(values, voxels_from_world, origin, direction).bricks(
+                segment.from,
+                segment.to,
+                |from, to, _, most| {
+                    while k < out.len() && out[k].0 < to {
+                        let (a, z) = (out[k].0.max(from), out[k].1.min(to));
+                        if a < z {
+                            parts.push((a, z, out[k].2 + sigma * most));
+                        }
+                        if to < out[k].1 {
+                            break;
+                        }
+                        k += 1;
+                    }
+                },
+            );
+            *out = parts;
+        }
     }
 
     /// Coefficients at a place in a segment of a ray.
@@ -154,7 +273,7 @@ impl Media {
     pub fn coefficients(&self, segment: Segment, origin: Vec3A, direction: Vec3A, t: f32) -> Coefficients {
         let (mut sigma_s, mut sigma_t, mut forward) = (Vec3::ZERO, Vec3::ZERO, 0.0);
         for b in self.inside(segment) {
-            let density = density(b.density, origin.y + direction.y * t);
+            let density = density(&b.density, origin + direction * t);
             sigma_s += b.sigma_s * density;
             sigma_t += (b.sigma_s + b.sigma_a) * density;
             forward += b.g * b.sigma_s.element_sum() * density;
@@ -170,20 +289,92 @@ fn left(depth: Rgb) -> Rgb {
     if depth.x == depth.y && depth.y == depth.z { Vec3::splat((-depth.x).exp()) } else { (-depth).exp() }
 }
 
-fn density(density: Density, y: f32) -> f32 {
-    match density {
-        Density::Constant => 1.0,
-        Density::Height { base, falloff } => (-(y - base) / falloff).exp(),
+impl Body {
+    fn new(medium: &Medium, origin: Vec3) -> Self {
+        let moved = |to: Affine3A| to * Affine3A::from_translation(origin);
+        let shape = match &medium.region {
+            Region::Everywhere => Shape::Everywhere,
+            Region::Box { min, max } => Shape::Box { min: *min - origin, max: *max - origin },
+            Region::Turned { unit_from_world } => Shape::Turned(moved(*unit_from_world)),
+            Region::Mesh(shell) => Shape::Mesh(boundary(shell).moved(origin)),
+        };
+        let density = match &medium.density {
+            Density::Constant => Density::Constant,
+            Density::Height { base, falloff } => Density::Height { base: base - origin.y, falloff: *falloff },
+            Density::Voxels { values, voxels_from_world } => {
+                Density::Voxels { values: Arc::clone(values), voxels_from_world: moved(*voxels_from_world) }
+            }
+        };
+        Self { sigma_s: medium.sigma_s, sigma_a: medium.sigma_a, g: medium.g, density, shape }
+    }
+
+    /// Metres of density 1 that a ray's first `t_max` metres are worth.
+    #[inline]
+    fn metres(&self, origin: Vec3A, direction: Vec3A, t_max: f32) -> f32 {
+        let mut sum = 0.0;
+        self.parts(origin, direction, t_max, |from, to| {
+            sum += metres(&self.density, origin, direction, from, to);
+        });
+        sum
+    }
+
+    /// The parts of a ray's first `t_max` metres that are inside, in order.
+    #[inline]
+    fn parts(&self, origin: Vec3A, direction: Vec3A, t_max: f32, mut visit: impl FnMut(f32, f32)) {
+        let (from, to) = match &self.shape {
+            Shape::Everywhere => (0.0, t_max),
+            Shape::Box { min, max } => slabs(*min, *max, origin, direction, t_max),
+            Shape::Turned(unit_from_world) => {
+                let origin = unit_from_world.transform_point3a(origin);
+                // Not normalised, so that lengths along the ray stay what they are.
+                let direction = unit_from_world.transform_vector3a(direction);
+                slabs(Vec3::ZERO, Vec3::ONE, origin, direction, t_max)
+            }
+            Shape::Mesh(boundary) => {
+                return PARTS.with_borrow_mut(|parts| {
+                    parts.clear();
+                    boundary.inside(origin, direction, t_max, parts);
+                    parts.iter().for_each(|p| visit(p.0, p.1));
+                });
+            }
+        };
+        if from < to {
+            visit(from, to);
+        }
     }
 }
 
+thread_local! {
+    /// Room for the parts of a ray that are inside a mesh.
+    static PARTS: RefCell<Vec<(f32, f32)>> = const { RefCell::new(Vec::new()) };
+}
+
+fn density(density: &Density, p: Vec3A) -> f32 {
+    match density {
+        Density::Constant => 1.0,
+        Density::Height { base, falloff } => (-(p.y - base) / falloff).exp(),
+        Density::Voxels { values, voxels_from_world } => values.at(voxels_from_world.transform_point3a(p)),
+    }
+}
+
+fn march<'a>(values: &'a Voxels, voxels_from_world: &Affine3A, origin: Vec3A, direction: Vec3A) -> March<'a> {
+    let origin = voxels_from_world.transform_point3a(origin);
+    March::new(values, origin, voxels_from_world.transform_vector3a(direction))
+}
+
 /// Metres of density 1 that a part of a ray is worth: the integral of the density.
-fn metres(of: Density, origin: Vec3A, direction: Vec3A, from: f32, to: f32) -> f32 {
-    let Density::Height { falloff, .. } = of else { return to - from };
+fn metres(of: &Density, origin: Vec3A, direction: Vec3A, from: f32, to: f32) -> f32 {
+    let falloff = match of {
+        Density::Constant => return to - from,
+        Density::Height { falloff, .. } => falloff,
+        Density::Voxels { values, voxels_from_world } => {
+            return march(values, voxels_from_world, origin, direction).integral(from, to);
+        }
+    };
     let rate = direction.y / falloff;
     let length = to - from;
     // From the denser end, so that nothing overflows on the way to it.
-    let dense = density(of, origin.y + direction.y * if 0.0 <= rate { from } else { to });
+    let dense = density(of, origin + direction * if 0.0 <= rate { from } else { to });
     let turns = rate.abs() * length;
     if length == f32::INFINITY {
         return if 0.0 < rate { dense / rate } else { f32::INFINITY };
@@ -197,20 +388,7 @@ pub fn along(sigma: Rgb, length: f32) -> Rgb {
     Vec3::select(sigma.cmpgt(Vec3::ZERO), sigma * length, Vec3::ZERO)
 }
 
-/// From where to where a ray is inside a region; the first is not below the second if it never is.
-fn overlap(region: &Region, origin: Vec3A, direction: Vec3A, t_max: f32) -> (f32, f32) {
-    match region {
-        Region::Everywhere => (0.0, t_max),
-        Region::Box { min, max } => slabs(*min, *max, origin, direction, t_max),
-        Region::Turned { unit_from_world } => {
-            let origin = unit_from_world.transform_point3a(origin);
-            // Not normalised, so that lengths along the ray stay what they are.
-            let direction = unit_from_world.transform_vector3a(direction);
-            slabs(Vec3::ZERO, Vec3::ONE, origin, direction, t_max)
-        }
-    }
-}
-
+/// From where to where a ray is inside a box; the first is not below the second if it never is.
 fn slabs(min: Vec3, max: Vec3, origin: Vec3A, direction: Vec3A, t_max: f32) -> (f32, f32) {
     let inverse = direction.recip();
     if !inverse.is_finite() {
@@ -379,5 +557,119 @@ mod tests {
         };
         assert_eq!(at(1.0), at(1024.0));
         assert_eq!(at(1.0), at(1.0 / 4096.0));
+    }
+
+    /// The corners and sides of a box from 0 to `size`.
+    fn shell(size: Vec3, closed: bool) -> Region {
+        let positions =
+            (0..8u8).map(|i| vec3(f32::from(i & 1), f32::from(i >> 1 & 1), f32::from(i >> 2)) * size);
+        let sides: [[u32; 4]; 6] =
+            [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        let n = if closed { 6 } else { 5 };
+        let triangles = sides[..n].iter().flat_map(|s| [[s[0], s[1], s[2]], [s[0], s[2], s[3]]]).collect();
+        Region::Mesh(Arc::new(Shell { positions: positions.collect(), triangles }))
+    }
+
+    fn grid(size: [u32; 3], values: &[f32], side: f32) -> Density {
+        let values = Voxels::dense(size.into(), values, 1 << 20).expect("a grid");
+        Density::Voxels {
+            values: Arc::new(values),
+            voxels_from_world: Affine3A::from_scale(Vec3::splat(1.0 / side)),
+        }
+    }
+
+    /// Meshes and grids that say the same as a box give the same depths and segments, wherever the world's origin is.
+    #[test]
+    fn a_box_is_a_box_as_mesh_and_grid() {
+        let of = |region: Region, density: Density| {
+            let medium = Medium { density, ..body(0.4, 0.1, 0.2, region) };
+            let scene = Scene { media: vec![medium], ..Scene::default() };
+            Media::new(&scene, vec3(0.5, -1.0, 0.25)).expect("media")
+        };
+        let size = vec3(2.0, 1.0, 3.0);
+        let cuboid = Region::Box { min: Vec3::ZERO, max: size };
+        let all = [
+            of(cuboid.clone(), Density::Constant),
+            of(shell(size, true), Density::Constant),
+            of(Region::Everywhere, grid([4, 2, 6], &[1.0; 48], 0.5)),
+            of(shell(size, true), grid([4, 2, 6], &[1.0; 48], 0.5)),
+        ];
+        let mut met = 0;
+        for i in 0..2000u32 {
+            let u = |d| sobol_burley::sample(i, d, 3) - 0.5;
+            let origin = Vec3A::new(6.0 * u(0), 6.0 * u(1), 6.0 * u(2));
+            let direction = Vec3A::new(u(3), u(4), u(5)).normalize();
+            let depth = |m: &Media| m.crossing(origin, direction, 4.0);
+            let want = depth(&all[0]);
+            met += u32::from(want.optical_depth != Vec3::ZERO);
+            for m in &all[1..] {
+                let got = depth(m);
+                assert!(
+                    (got.optical_depth - want.optical_depth).abs().max_element() < 2e-6,
+                    "{got:?} {want:?}"
+                );
+                assert!((got.forward - want.forward).abs() < 2e-6);
+                let mut segments = Vec::new();
+                m.segments(origin, direction, 4.0, &mut segments);
+                let sum: Vec3 = segments.iter().map(|s| m.depth_within(*s, origin, direction, s.to)).sum();
+                assert!((sum - want.optical_depth).abs().max_element() < 4e-6);
+            }
+        }
+        assert!(100 < met, "{met}");
+    }
+
+    /// Bounds hold everywhere, cover the segment, and the place that is found is the one that was wanted.
+    #[test]
+    fn bounds_hold_and_places_are_found() {
+        let values: Vec<f32> =
+            (0..16 * 12 * 20u16).map(|i| f32::from(i.wrapping_mul(7919) % 64) / 64.0).collect();
+        let clouds = Medium {
+            density: grid([16, 12, 20], &values, 0.25),
+            ..body(0.4, 0.1, 0.2, Region::Box { min: Vec3::ZERO, max: vec3(4.0, 3.0, 5.0) })
+        };
+        let mut haze = body(0.2, 0.0, 0.0, cube(-1.0, 3.0));
+        haze.density = Density::Height { base: 0.0, falloff: 1.5 };
+        let m = media(vec![clouds, haze]);
+        let (mut segments, mut parts) = (Vec::new(), Vec::new());
+        let (mut mixed, mut alone) = (0, 0);
+        for i in 0..300u32 {
+            let u = |d| sobol_burley::sample(i, d, 5);
+            let origin = Vec3A::new(8.0 * u(0) - 2.0, 8.0 * u(1) - 2.0, 8.0 * u(2) - 2.0);
+            let direction = (Vec3A::new(2.0, 1.5, 2.5) * 1.2 * u(3) - origin).normalize();
+            m.segments(origin, direction, 20.0, &mut segments);
+            for &s in &segments {
+                m.majorants(s, origin, direction, 0, &mut parts);
+                assert_eq!((parts[0].0, parts[parts.len() - 1].1), (s.from, s.to));
+                assert!(parts.windows(2).all(|p| p[0].1 == p[1].0));
+                for (k, &(from, to, most)) in parts.iter().enumerate() {
+                    let t = from + (to - from) * sobol_burley::sample(k as u32, 4, i);
+                    assert!(m.coefficients(s, origin, direction, t).sigma_t.x <= most * 1.000_01);
+                }
+                mixed += usize::from(m.is_mixed(s));
+                let depth = m.depth_within(s, origin, direction, s.to).x;
+                if let Some(t) =
+                    m.place_in_grid(s, origin, direction, 0, 0.4 * depth).filter(|_| 1e-3 < depth)
+                {
+                    alone += 1;
+                    let got = m.depth_within(s, origin, direction, t).x;
+                    assert!((got / (0.4 * depth) - 1.0).abs() < 1e-3, "{got} {depth}");
+                }
+            }
+        }
+        assert!(30 < mixed && 30 < alone, "{mixed} {alone}");
+    }
+
+    #[test]
+    fn open_meshes_are_named() {
+        let scene = |closed| Scene {
+            media: vec![Medium { path: "cloud".into(), ..body(1.0, 0.0, 0.0, shell(Vec3::ONE, closed)) }],
+            ..Scene::default()
+        };
+        assert_eq!(findings(&scene(true)), []);
+        let found = findings(&scene(false));
+        assert!(
+            found.len() == 1 && found[0].path == "cloud" && found[0].what.contains("4 edges"),
+            "{found:?}"
+        );
     }
 }

@@ -6,6 +6,7 @@ use glam::Vec3;
 use serde_json::{Number, Value};
 
 use super::{
+    density::Files,
     document::InputFile,
     findings::Findings,
     media_words::{MEDIUM_PREFIX, has_medium, media},
@@ -194,7 +195,7 @@ impl SceneWords {
             sky,
             texels_per_metre: texels_per_metre(t, out),
             metals_black: t.flag("metals_black", out),
-            media: media(t, out),
+            media: media(t, &mut Files { dir, inputs }, out),
         }
     }
 
@@ -543,7 +544,10 @@ mod tests {
         assert_eq!(mist.sigma_s, Vec3::new(0.2, 0.4, 0.6));
         assert_eq!(mist.sigma_a, Vec3::splat(0.02));
         assert_eq!(mist.region, Region::Box { min: Vec3::ZERO, max: Vec3::new(1.0, 2.0, 3.0) });
-        assert_eq!((flat.sigma_s, flat.g, flat.region), (Vec3::splat(0.5), -0.25, Region::Everywhere));
+        assert_eq!(
+            (flat.sigma_s, flat.g, flat.region.clone()),
+            (Vec3::splat(0.5), -0.25, Region::Everywhere)
+        );
     }
 
     #[test]
@@ -556,7 +560,18 @@ mod tests {
             ("media = [{ sigma_s = 1, g = nan }]", "media[0].g"),
             ("media = [{ sigma_s = inf }]", "media[0].sigma_s"),
             ("media = [{ sigma_a = 1, density = -2 }]", "media[0].density"),
-            ("media = [{ sigma_a = 1, density = { vdb = \"smoke.vdb\" } }]", "media[0].density"),
+            ("media = [{ sigma_a = 1, density = { vdb = \"nowhere.vdb\" } }]", "media[0].density.vdb"),
+            ("media = [{ sigma_a = 1, density = { vbd = \"smoke.vdb\" } }]", "media[0].density"),
+            ("media = [{ sigma_a = 1, density = { noise = { scale = 2 } } }]", "media[0].density"),
+            ("media = [{ sigma_a = 1, density = { noise = { octaves = 99 } } }]", "media[0].density.noise"),
+            (
+                "media = [{ sigma_a = 1, density = { stencil = { size = [2, 1, 1], values = [1] } } }]",
+                "media[0].density.stencil",
+            ),
+            (
+                "media = [{ sigma_a = 1, density = { stencil = { size = [1, 1, 1], values = [1] } } }]",
+                "media[0].density",
+            ),
             (
                 "media = [{ sigma_a = 1, density = { height = { base = 1 } } }]",
                 "media[0].density.height.falloff",

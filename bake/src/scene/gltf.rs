@@ -1,18 +1,22 @@
 //! From a document to a scene: everything comes together, and all findings are collected.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use glam::{Affine3A, Quat, Vec3};
 use serde_json::Value;
 
 use super::{
     config::{Config, NodeWords, SceneWords},
+    density::{Files, Source, settle},
     document::Document,
     findings::Findings,
     gltf_material, gltf_mesh,
     gltf_nodes::{self, Hierarchy, NodeIndex, Placed},
+    media_words::Unplaced,
     model::{
-        Camera, Density, Light, LightKind, LightMode, LightmapMode, Medium, Mesh, Region, Scene, Sky, Surface,
+        Camera, Density, Light, LightKind, LightMode, LightmapMode, Medium, Mesh, Region, Scene, Shell, Sky,
+        Surface,
     },
     read::{index_of, shown},
     sky,
@@ -198,15 +202,18 @@ impl Builder<'_> {
             if let Some(extras) = json.get("extras") {
                 let path = format!("nodes[{}].extras", at.node);
                 words = words.over(NodeWords::read(extras, &path, true, self.out));
-                medium = super::media_words::node_medium(extras, &path, self.out);
+                let mut inputs = Vec::new();
+                let mut files = Files { dir: self.doc.base_dir(), inputs: &mut inputs };
+                medium = super::media_words::node_medium(extras, &path, &mut files, self.out);
+                inputs.into_iter().for_each(|input| self.doc.add_input(input));
             }
             let light = gltf_nodes::light(self.doc, self.tree, at, self.options.light_units, words, self.out);
             self.scene.lights.extend(light);
             let camera: Option<Camera> = gltf_nodes::camera(self.doc, self.tree, at, self.out);
             self.scene.cameras.extend(camera);
-            if let Some(medium) = medium {
+            if let Some((medium, bounds)) = medium {
                 // In the place of the mesh, which is not a surface then.
-                self.medium(at, json, medium, &mut budget);
+                self.medium(at, json, medium, bounds, &mut budget);
             } else if json.get("mesh").is_some() {
                 self.surfaces(at, json, words, &mut budget);
             }
@@ -217,30 +224,59 @@ impl Builder<'_> {
         super::check::unused_meshes(self.doc, &used, &mut budget, self.out);
     }
 
-    /// A medium in the bounds of a node's mesh.
-    fn medium(&mut self, at: &Placed, json: &Value, medium: Medium, budget: &mut gltf_mesh::Budget) {
+    /// A medium in a node's mesh, or in the mesh's bounds.
+    fn medium(
+        &mut self,
+        at: &Placed,
+        json: &Value,
+        Unplaced { medium, source, path }: Unplaced,
+        bounds: bool,
+        budget: &mut gltf_mesh::Budget,
+    ) {
         let place = format!("nodes[{}]", at.node);
+        let world_from_node = gltf_nodes::single_affine(at.world);
+        let mut medium = Medium { path: self.tree.path(at.node), ..medium };
         let mesh = json.get("mesh").and_then(index_of);
-        let count = mesh
-            .and_then(|m| self.doc.json["meshes"].get(m)?["primitives"].as_array().map(Vec::len))
-            .unwrap_or(0);
-        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        for p in 0..count {
-            if let Some(index) = mesh.and_then(|m| self.mesh(m, p, budget)) {
+        let mut world_from_unit = None;
+        if let Some(mesh) = mesh {
+            let list = self.doc.json["meshes"].get(mesh).and_then(|m| m["primitives"].as_array());
+            let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+            let mut shell = Shell::default();
+            for p in 0..list.map_or(0, Vec::len) {
+                let Some(index) = self.mesh(mesh, p, budget) else { continue };
                 low = low.min(self.corners[index][0]);
                 high = high.max(self.corners[index][7]);
+                let part = &self.scene.meshes[index];
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    reason = "the loader admits fewer than 2^32 vertices"
+                )]
+                let first = shell.positions.len() as u32;
+                shell.positions.extend(part.positions.iter().map(|p| world_from_node.transform_point3(*p)));
+                shell.triangles.extend(part.triangles.iter().map(|t| t.map(|i| first + i)));
             }
-        }
-        let world_from_unit = gltf_nodes::single_affine(at.world)
-            * Affine3A::from_scale_rotation_translation(high - low, Quat::IDENTITY, low);
-        let unit_from_world = world_from_unit.inverse();
-        if !(low.cmplt(high).all() && world_from_unit.is_finite() && unit_from_world.is_finite()) {
-            let what = "a medium needs the bounds of a mesh with a volume";
-            self.out.push(Finding::error(place, what, "give the node a mesh, and no scale of 0"));
+            let to =
+                world_from_node * Affine3A::from_scale_rotation_translation(high - low, Quat::IDENTITY, low);
+            let unit_from_world = to.inverse();
+            if !(low.cmplt(high).all() && to.is_finite() && unit_from_world.is_finite()) {
+                let what = "a medium needs the bounds of a mesh with a volume";
+                self.out.push(Finding::error(place, what, "give the node a mesh, and no scale of 0"));
+                return;
+            }
+            world_from_unit = Some(to);
+            medium.region =
+                if bounds { Region::Turned { unit_from_world } } else { Region::Mesh(Arc::new(shell)) };
+        } else if !matches!(source, Source::Grid(_)) {
+            let what = "a medium needs a mesh to be in";
+            self.out.push(Finding::error(
+                place,
+                what,
+                "give the node a mesh, or the medium a grid from a VDB file",
+            ));
             return;
         }
-        let region = Region::Turned { unit_from_world };
-        self.scene.media.push(Medium { path: self.tree.path(at.node), region, ..medium });
+        let settled = settle(medium, source, world_from_node, world_from_unit, &path, self.out);
+        self.scene.media.extend(settled);
     }
 
     fn surfaces(&mut self, at: &Placed, json: &Value, words: NodeWords, budget: &mut gltf_mesh::Budget) {

@@ -255,7 +255,7 @@ fn media_of_nodes_fill_their_bounds() {
     }
     for (extras, place) in [
         (json!({"medium": 3}), "nodes[1].extras.medium"),
-        (json!({"medium": {"sigma_s": 1}}), "nodes[1].extras.medium.shape"),
+        (json!({"medium": {"shape": "ball", "sigma_s": 1}}), "nodes[1].extras.medium.shape"),
         (json!({"medium": {"shape": "box", "g": 0.5}}), "nodes[1].extras.medium"),
         (json!({"medium": {"shape": "box", "sigma_s": 1, "box": {}}}), "nodes[1].extras.medium.box"),
     ] {
@@ -263,6 +263,11 @@ fn media_of_nodes_fill_their_bounds() {
         let first = errors(&findings).first().map(|f| f.path.clone());
         assert_eq!(first.as_deref(), Some(place), "{extras}");
     }
+    let (scene, findings) = fog(json!({"medium": {"sigma_s": 1}}));
+    assert!(errors(&findings).is_empty(), "{findings:?}");
+    let Region::Mesh(shell) = &scene.media[0].region else { panic!("{:?}", scene.media) };
+    assert_eq!((shell.positions.len(), shell.triangles.len()), (3, 1));
+    assert!(shell.positions[1].distance(Vec3::new(11.0, 3.0, -2.0)) < 6.0, "placed: {:?}", shell.positions);
     let (_, findings) = triangle(|j| {
         j["nodes"][0]["extras"] = json!({"medium": {"shape": "box", "sigma_s": 1}});
     })

@@ -1,9 +1,10 @@
 //! The words of participating media.
 
-use glam::Vec3;
+use glam::{Affine3A, Vec3};
 use serde_json::{Map, Value};
 
 use super::{
+    density::{Files, Source, density, settle},
     findings::Findings,
     model::{Density, Medium, Region},
     read::{Table, floats, shown},
@@ -19,8 +20,22 @@ pub(super) fn has_medium(t: &mut Table<'_>) -> Option<String> {
     named.or_else(|| t.starting_with(MEDIUM_PREFIX).first().map(|k| t.at(k)))
 }
 
-/// The medium that a node's extras put in place of its mesh; the region is not set.
-pub(super) fn node_medium(extras: &Value, path: &str, out: &mut Findings) -> Option<Medium> {
+/// A medium whose place is not known yet.
+pub(super) struct Unplaced {
+    pub(super) medium: Medium,
+    pub(super) source: Source,
+    /// Where its density stands in the file.
+    pub(super) path: String,
+}
+
+/// The medium that a node's extras put in place of its mesh, and whether it fills the mesh's bounds instead of the mesh; the
+/// region is not set.
+pub(super) fn node_medium(
+    extras: &Value,
+    path: &str,
+    files: &mut Files<'_>,
+    out: &mut Findings,
+) -> Option<(Unplaced, bool)> {
     let map = extras.as_object()?;
     let flat: Map<String, Value> = map
         .iter()
@@ -36,16 +51,17 @@ pub(super) fn node_medium(extras: &Value, path: &str, out: &mut Findings) -> Opt
         _ if flat.is_empty() => return None,
         _ => (flat, path.to_owned()),
     };
-    let shape = words.remove("shape");
-    if shape.as_ref().and_then(Value::as_str) != Some("box") {
-        let what = "media in the shape of a mesh are not simulated by this version";
-        out.push(Finding::error(
-            format!("{at}.shape"),
-            what,
-            "write \"shape\": \"box\" for the mesh's bounds",
-        ));
-        return None;
-    }
+    let bounds = match words.remove("shape") {
+        None => false,
+        Some(Value::String(word)) if word == "mesh" => false,
+        Some(Value::String(word)) if word == "box" => true,
+        Some(other) => {
+            let what = format!("{} is not a shape", shown(&other));
+            let fix = "write \"mesh\" for the closed mesh, or \"box\" for its bounds";
+            out.push(Finding::error(format!("{at}.shape"), what, fix));
+            return None;
+        }
+    };
     if words.contains_key("box") {
         let what = "the medium of a node is where the node is";
         out.push(Finding::error(
@@ -55,16 +71,26 @@ pub(super) fn node_medium(extras: &Value, path: &str, out: &mut Findings) -> Opt
         ));
         return None;
     }
-    medium(&Value::Object(words), &at, out)
+    Some((medium(&Value::Object(words), &at, files, out)?, bounds))
 }
 
 /// Reads `media`, and the flat words that some exporters write.
-pub(super) fn media(t: &mut Table<'_>, out: &mut Findings) -> Vec<Medium> {
+pub(super) fn media(t: &mut Table<'_>, files: &mut Files<'_>, out: &mut Findings) -> Vec<Medium> {
     let at = t.at("media");
+    let mut read = |value: &Value, path: &str, out: &mut Findings| {
+        let Unplaced { medium, source, path } = medium(value, path, files, out)?;
+        let unit = match &medium.region {
+            Region::Box { min, max } => {
+                Some(Affine3A::from_translation(*min) * Affine3A::from_scale(*max - *min))
+            }
+            _ => None,
+        };
+        settle(medium, source, Affine3A::IDENTITY, unit, &path, out)
+    };
     let mut list = match t.get("media") {
         None => Vec::new(),
         Some(Value::Array(list)) => {
-            list.iter().enumerate().filter_map(|(i, v)| medium(v, &format!("{at}[{i}]"), out)).collect()
+            list.iter().enumerate().filter_map(|(i, v)| read(v, &format!("{at}[{i}]"), out)).collect()
         }
         Some(_) => {
             out.push(Finding::error(at, "not a list", "write a list of media"));
@@ -75,50 +101,25 @@ pub(super) fn media(t: &mut Table<'_>, out: &mut Findings) -> Vec<Medium> {
     if let Some(first) = flat.first() {
         let words: Map<String, Value> =
             flat.iter().map(|k| (k[MEDIUM_PREFIX.len()..].to_owned(), t.value(k))).collect();
-        list.extend(medium(&Value::Object(words), &t.at(first), out));
+        list.extend(read(&Value::Object(words), &t.at(first), out));
     }
     list
 }
 
-/// Reads a density that is not the same everywhere.
-fn varying(value: &Value, path: &str, out: &mut Findings) -> Option<Density> {
-    let mut t = Table::new(value, path, out)?;
-    let Some(height) = t.get("height") else {
-        let what = "of the densities that vary, this version simulates `height` alone";
-        out.push(Finding::error(path, what, "write a number or {\"height\": {\"base\": 0, \"falloff\": 5}}"));
-        return None;
-    };
-    let at = t.at("height");
-    t.finish(false, "", out);
-    let mut t = Table::new(height, at, out)?;
-    let base = t.number("base", "a number of metres", out, |_| true).unwrap_or(0.0);
-    let falloff = t.number("falloff", "a number of metres above 0", out, |v| 0.0 < v);
-    let at = t.at("falloff");
-    let given = t.get("falloff").is_some();
-    t.finish(false, "", out);
-    if falloff.is_none() && !given {
-        out.push(Finding::error(
-            at,
-            "is missing",
-            "give the metres over which the density falls by a factor of e",
-        ));
-    }
-    Some(Density::Height { base, falloff: falloff? })
-}
-
 /// Reads one entry of `media`.
-fn medium(value: &Value, path: &str, out: &mut Findings) -> Option<Medium> {
+fn medium(value: &Value, path: &str, files: &mut Files<'_>, out: &mut Findings) -> Option<Unplaced> {
     let mut t = Table::new(value, path, out)?;
     let name = t.text("name", out);
     let sigma_s = t.colour("sigma_s", out);
     let sigma_a = t.colour("sigma_a", out);
     let typed = t.get("sigma_s").is_some() || t.get("sigma_a").is_some();
     let g = t.number("g", "a number between -1 and 1", out, |v| -1.0 < v && v < 1.0).unwrap_or(0.0);
-    let (factor, density) = match t.get("density") {
-        Some(value @ Value::Object(_)) => (1.0, varying(value, &t.at("density"), out)?),
+    let place = t.at("density");
+    let (factor, source) = match t.get("density") {
+        Some(value @ Value::Object(_)) => (1.0, density(value, &place, files, out)?),
         _ => {
             let factor = t.number("density", "a number that is not negative", out, |v| 0.0 <= v);
-            (factor.unwrap_or(1.0), Density::Constant)
+            (factor.unwrap_or(1.0), Source::Known(Density::Constant))
         }
     };
     if t.get("emission").is_some() {
@@ -149,12 +150,13 @@ fn medium(value: &Value, path: &str, out: &mut Findings) -> Option<Medium> {
         None if boxed => return None,
         None => Region::Everywhere,
     };
-    Some(Medium {
+    let medium = Medium {
         path: name.unwrap_or_else(|| path.to_owned()),
         sigma_s: sigma_s.unwrap_or_default() * factor,
         sigma_a: sigma_a.unwrap_or_default() * factor,
-        density,
+        density: Density::Constant,
         g,
         region,
-    })
+    };
+    Some(Unplaced { medium, source, path: place })
 }

@@ -3,6 +3,7 @@
 pub mod accessor;
 mod check;
 pub mod config;
+mod density;
 pub mod document;
 mod findings;
 pub mod gltf;

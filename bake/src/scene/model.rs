@@ -3,7 +3,9 @@
 //! A [`Surface`] is one primitive of one node (or of one GPU instance of a node): the unit that
 //! gets its own rectangle in the atlas. Surfaces share [`Mesh`] geometry.
 
+use super::voxels::Voxels;
 use glam::{Affine3A, Mat4, Quat, Vec2, Vec3, Vec4};
+use std::sync::Arc;
 
 /// Linear Rec. 709 colour; the unit depends on the place (nits, lux, candela, or 1 for albedo).
 pub type Rgb = Vec3;
@@ -51,7 +53,7 @@ pub struct Medium {
 }
 
 /// How dense a [`Medium`] is from place to place.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub enum Density {
     /// 1 throughout.
     #[default]
@@ -63,10 +65,17 @@ pub enum Density {
         /// Over which it falls by a factor of e, metres.
         falloff: f32,
     },
+    /// That of a voxel; 0 outside the grid.
+    Voxels {
+        /// The grid.
+        values: Arc<Voxels>,
+        /// World space to the space of its voxels.
+        voxels_from_world: Affine3A,
+    },
 }
 
 /// Where a [`Medium`] is.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Region {
     /// Everywhere.
     Everywhere,
@@ -82,6 +91,17 @@ pub enum Region {
         /// World space to the space of the cube [0, 1]^3.
         unit_from_world: Affine3A,
     },
+    /// Within a closed mesh.
+    Mesh(Arc<Shell>),
+}
+
+/// A mesh that encloses a medium.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Shell {
+    /// Vertex positions, metres in world space.
+    pub positions: Vec<Vec3>,
+    /// Three indices into `positions` per triangle, in range.
+    pub triangles: Vec<[u32; 3]>,
 }
 
 /// Geometry of one glTF primitive, in its mesh's own space. Always triangles.
