@@ -69,6 +69,7 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
         let timings =
             watch.timings(baked.monitor.rays(), baked.monitor.paths(), rayon::current_num_threads());
         staging.commit(manifest, &timings)?;
+        input::say_responses(plan.tracing());
         style.stage("done", &summary(&folder, &plan, &error, &timings));
         if let (Sampling::Target(wanted), Some(reached)) = (&plan.settings().sampling, error.relative)
             && f64::from(*wanted) < reached

@@ -5,7 +5,7 @@ use crate::cli::say;
 use crate::error::{Error, Finding};
 use crate::geom::atlas::{Engine, Unwrap};
 use crate::plan::settings::Sampling;
-use crate::plan::{MediaMode, Quality, Settings};
+use crate::plan::{MediaMode, Quality, Settings, Tracing};
 use crate::scene::config::{Config, RunConfig};
 use crate::scene::document::Document;
 use crate::scene::gltf::{self, LightUnits, LoadOptions};
@@ -123,6 +123,24 @@ pub(crate) fn media(arg: Option<MediaArg>, run: &RunConfig, scene: &Scene) -> Re
         MediaArg::Table => MediaMode::Table,
         MediaArg::Reference => MediaMode::Reference,
     })
+}
+
+/// Says what became of responses of media that could not be taken as they are.
+pub(crate) fn say_responses(tracing: &Tracing) {
+    let Some(responses) = &tracing.responses else { return };
+    if 0 < responses.clamped() {
+        let n = responses.clamped();
+        say::line(&format!(
+            "note: {n} responses of media were below 0, as truncated harmonics are where little light is; taken as 0"
+        ));
+    }
+    if 0 < responses.grown() {
+        let n = responses.grown();
+        say::line(&format!(
+            "warning: {n} paths were ended because media as `table` sees them add light at every reflection; between walls it has no limit, \
+             and --media reference is right"
+        ));
+    }
 }
 
 /// Settings from the command line, else the configuration file, else the scene, else the preset.

@@ -61,6 +61,7 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
             gate.rejected
         ));
     }
+    input::say_responses(&tracing);
     let mut missed = 0;
     if let Some(list) = file["points"].as_array_mut() {
         for (entry, r) in list.iter_mut().zip(&results) {

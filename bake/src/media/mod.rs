@@ -648,8 +648,8 @@ mod tests {
                 assert_eq!((parts[0].0, parts[parts.len() - 1].1), (s.from, s.to));
                 assert!(parts.windows(2).all(|p| p[0].1 == p[1].0));
                 // What is as short as the rounding of places may belong to a neighbour.
-                for (k, &(from, to, most)) in parts.iter().enumerate().filter(|(_, p)| 1e-4 < p.1 - p.0) {
-                    let t = from + (to - from) * sobol_burley::sample(k as u32, 4, i);
+                for (k, &(from, to, most)) in (0..).zip(&parts).filter(|(_, p)| 1e-4 < p.1 - p.0) {
+                    let t = from + (to - from) * sobol_burley::sample(k, 4, i);
                     assert!(m.coefficients(s, origin, direction, t).sigma_t.x <= most * 1.000_01);
                 }
                 mixed += usize::from(m.is_mixed(s));

@@ -158,7 +158,7 @@ impl Memory {
         }
         Self {
             program: PROGRAM,
-            scene: document + meshes + images,
+            scene: document + meshes + images + crate::media::Media::bytes(scene),
             unwrap: UNWRAP_PER_VERTEX * unwrapped.map(|l| l.vertices.len() as u64).sum::<u64>(),
             atlas: layouts,
             tracing: (World::BYTES as u64 * triangles) + tracing.bvh.bytes() as u64,

@@ -320,9 +320,9 @@ impl Air<'_> {
         sequence: &mut Sequence,
     ) -> Option<f32> {
         self.media.majorants(segment, self.origin, self.direction, channel, parts);
-        for &(from, to, most) in parts.iter() {
+        for &(from, to, most) in parts.iter().filter(|part| 0.0 < part.2) {
             let mut t = from;
-            while 0.0 < most {
+            loop {
                 let [a, b, _, _] = sequence.next4();
                 t -= (1.0 - a).ln() / most;
                 if to <= t {
