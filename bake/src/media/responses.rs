@@ -79,7 +79,7 @@ impl Responses {
         self.clamped.load(Ordering::Relaxed)
     }
 
-    /// Whether a path's throughput has grown beyond [`MOST_GAIN`]; such paths are counted.
+    /// Whether a path's throughput has grown a thousandfold; such paths are counted.
     #[must_use]
     pub fn is_too_much(&self, throughput: Rgb) -> bool {
         let grown = MOST_GAIN < throughput.max_element();

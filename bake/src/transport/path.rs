@@ -81,7 +81,7 @@ pub struct Kernel<'a> {
     pub cache: Option<&'a IrradianceCache>,
     /// What weakens light on its way.
     pub media: Option<&'a Media>,
-    /// What of it is scattered, as if nothing bounded the media; see [`crate::transport::glow`].
+    /// What of it is scattered, as if nothing bounded the media.
     pub responses: Option<&'a Responses>,
     /// Whether paths scatter in it.
     pub scatters: bool,
