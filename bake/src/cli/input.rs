@@ -9,7 +9,7 @@ use crate::plan::{MediaMode, Quality, Settings, Tracing};
 use crate::scene::config::{Config, RunConfig};
 use crate::scene::document::Document;
 use crate::scene::gltf::{self, LightUnits, LoadOptions};
-use crate::scene::model::{LightKind, Scene};
+use crate::scene::model::{LightKind, Medium, Scene};
 use crate::scene::sky::parse_sky_with_input;
 use clap::ValueEnum;
 use std::fmt::Write as _;
@@ -115,6 +115,15 @@ pub(crate) fn media(arg: Option<MediaArg>, run: &RunConfig, scene: &Scene) -> Re
         say::line(&format!(
             "warning: {}: media are ignored; --media attenuate, table or reference simulates them, --media off says that this is meant",
             first.path
+        ));
+    }
+    let beyond = |m: &&Medium| crate::media::MOST_G < m.g.abs();
+    if let (Some(MediaArg::Table), Some(medium)) = (arg, scene.media.iter().find(beyond)) {
+        say::line(&format!(
+            "warning: {}: g is {}, and tables end at {}; --media table takes it as that",
+            medium.path,
+            medium.g,
+            crate::media::MOST_G
         ));
     }
     Ok(match arg.unwrap_or(MediaArg::Off) {

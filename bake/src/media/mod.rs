@@ -13,7 +13,7 @@ use crate::scene::voxels::Voxels;
 use boundary::Boundary;
 use glam::{Affine3A, Vec3, Vec3A};
 use march::March;
-pub use responses::Responses;
+pub use responses::{MOST_G, Responses};
 use std::cell::RefCell;
 use std::sync::Arc;
 

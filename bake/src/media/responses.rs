@@ -13,7 +13,7 @@ use tables::table::file::Emitter;
 use tables::table::{Combined, CombinedPatch, Orders, Range, Tables};
 
 /// Mean cosines beyond this either way are taken as this: the tables end there.
-pub(super) const MOST_G: f32 = 0.9;
+pub const MOST_G: f32 = 0.9;
 
 /// Optical depths beyond this leave no light.
 const MOST_DEPTH: f32 = 100.0;
