@@ -21,6 +21,11 @@ pub(crate) fn versions() -> String {
     format!("{}\nresponse tables: {tables}", env!("CARGO_PKG_VERSION"))
 }
 
+fn exposure(text: &str) -> Result<f32, String> {
+    let x: f32 = text.parse().map_err(|_| "a number above 0 is wanted".to_owned())?;
+    if 0.0 < x && x.is_finite() { Ok(x) } else { Err("a number above 0 is wanted".to_owned()) }
+}
+
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Bake a scene into a folder of lightmaps
@@ -130,6 +135,10 @@ pub(crate) struct RunArgs {
     /// Fail on the first sample that is not a number instead of counting it
     #[arg(long)]
     pub(crate) strict: bool,
+    /// Factor that pictures multiply light by before tone mapping, so that bakes can be looked at side by side;
+    /// found from each picture if absent, and the manifest has that of preview.png
+    #[arg(long, value_name = "X", value_parser = exposure)]
+    pub(crate) exposure: Option<f32>,
     #[command(flatten)]
     pub(crate) work: WorkArgs,
     /// Go on with an interrupted bake (reserved)

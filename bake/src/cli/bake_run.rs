@@ -57,12 +57,15 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
         watch.lap("unwrap");
         interrupt.check()?;
         let memory = plan.memory(&input.document).peak();
-        let mut job = Job { plan: &plan, staging: &staging, style, interrupt, strict, watch, memory };
+        let exposure = args.exposure;
+        let mut job =
+            Job { plan: &plan, staging: &staging, style, interrupt, strict, exposure, watch, memory };
         let baked = job.pages()?;
         interrupt.check()?;
-        job.scene(&input.document, &baked)?;
+        let exposure = job.scene(&input.document, &baked)?;
         let mut watch = job.watch;
-        let manifest = record::manifest(&plan, &input.document.inputs(), &baked.figures, &baked.gate);
+        let mut manifest = record::manifest(&plan, &input.document.inputs(), &baked.figures, &baked.gate);
+        manifest.exposure = Some(exposure);
         let error = manifest.error;
         watch.lap("write");
         interrupt.check()?;
@@ -122,6 +125,8 @@ struct Job<'a> {
     style: Style,
     interrupt: &'a Interrupt,
     strict: bool,
+    /// Of pictures, if it was given.
+    exposure: Option<f32>,
     watch: Stopwatch,
     /// Bytes expected at the peak.
     memory: u64,
@@ -200,7 +205,7 @@ impl Job<'_> {
             let (rounds, audit) = (solution.rounds.clone(), solution.audit.clone());
             let (mut page, filled) = assemble::page(self.plan, map, solution);
             exr::write_page(&self.staging.path(&record::page_file(number)), &page)?;
-            preview::write_page(&self.staging.path(&record::preview_file(number)), &page)?;
+            preview::write_page(&self.staging.path(&record::preview_file(number)), &page, self.exposure)?;
             preview::write_error(&self.staging.path(&record::error_file(number)), &page)?;
             let stats = PageStats::of(&page);
             baked.figures.push(record::PageFigures { stats, filled, samples, rounds, audit });
@@ -255,7 +260,8 @@ impl Job<'_> {
         Ok(())
     }
 
-    fn scene(&mut self, document: &crate::scene::document::Document, baked: &Baked) -> Result<(), Error> {
+    /// Writes the scene and its picture, and says how that was exposed.
+    fn scene(&mut self, document: &crate::scene::document::Document, baked: &Baked) -> Result<f32, Error> {
         let plan = self.plan;
         let files: Vec<String> = (0..plan.atlas().pages.len()).map(record::page_file).collect();
         let path = self.staging.path("scene.glb");
@@ -263,15 +269,17 @@ impl Job<'_> {
         let kernel = kernel(plan);
         let camera = view::camera(plan, &kernel);
         let picture = view::draw(plan, &kernel, &baked.pages, &camera);
+        let exposure =
+            self.exposure.unwrap_or_else(|| preview::auto_exposure(picture.pixels.iter().copied()));
         preview::write_image(
             &self.staging.path("preview.png"),
             picture.width,
             picture.height,
             &picture.pixels,
-            None,
+            exposure,
         )?;
         self.watch.lap("preview");
-        Ok(())
+        Ok(exposure)
     }
 }
 

@@ -49,7 +49,7 @@ pub fn tone_map(color: [f32; 3], exposure: f32) -> [u8; 3] {
     })
 }
 
-/// Writes linear colours tone-mapped, with the given or the automatic exposure.
+/// Writes linear colours tone-mapped.
 ///
 /// # Errors
 /// [`Error::Usage`] if there are not `width * height` colours, [`Error::Io`] if writing fails.
@@ -58,20 +58,19 @@ pub fn write_image(
     width: usize,
     height: usize,
     pixels: &[[f32; 3]],
-    exposure: Option<f32>,
+    exposure: f32,
 ) -> Result<()> {
-    let exposure = exposure.unwrap_or_else(|| auto_exposure(pixels.iter().copied()));
     let bytes: Vec<[u8; 3]> = pixels.par_iter().map(|&c| tone_map(c, exposure)).collect();
     write_png(path, width, height, &bytes)
 }
 
-/// Writes a page tone-mapped, exposed for its covered texels, with a checker where nothing covers it.
+/// Writes a page tone-mapped, exposed as said or for its covered texels, with a checker where nothing covers it.
 ///
 /// # Errors
 /// As [`write_image`].
-pub fn write_page(path: &Path, page: &Page) -> Result<()> {
+pub fn write_page(path: &Path, page: &Page, exposure: Option<f32>) -> Result<()> {
     let covered = page.radiance.iter().zip(&page.coverage).filter(|(_, a)| 0.0 < **a);
-    let exposure = auto_exposure(covered.map(|(c, _)| *c));
+    let exposure = exposure.unwrap_or_else(|| auto_exposure(covered.map(|(c, _)| *c)));
     write_covered(path, page, |i| tone_map(page.radiance[i], exposure))
 }
 
@@ -222,7 +221,7 @@ mod tests {
             page.std_err[i] = [if i < 64 { 0.0 } else { 1.0 }; 3];
         }
         let path = dir.path().join("x.png");
-        write_page(&path, &page)?;
+        write_page(&path, &page, None)?;
         let png = image::open(&path)?.to_rgb8();
         assert_eq!(png.get_pixel(3, 3).0, tone_map([0.18; 3], 1.0));
         assert_eq!(png.get_pixel(3, 12).0, checker(3, 12));
@@ -246,8 +245,8 @@ mod tests {
     #[test]
     fn wrong_sizes_are_errors() {
         let path = Path::new("never-written.png");
-        assert!(write_image(path, 2, 2, &[[0.0; 3]; 3], None).is_err());
-        assert!(write_image(path, 0, 0, &[], None).is_err());
+        assert!(write_image(path, 2, 2, &[[0.0; 3]; 3], 1.0).is_err());
+        assert!(write_image(path, 0, 0, &[], 1.0).is_err());
         assert!(!path.exists());
     }
 }

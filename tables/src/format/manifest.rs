@@ -93,6 +93,9 @@ pub struct Manifest {
     pub error: ErrorFigure,
     /// What had to be repaired or clamped.
     pub counts: Counts,
+    /// What `preview.png` multiplied light by before tone mapping, 1/nit: 0.18 over the luminance of an average place.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exposure: Option<f32>,
     /// Light probe sets; empty until there are any.
     #[serde(default)]
     pub probes: Vec<Value>,
@@ -372,6 +375,7 @@ impl Manifest {
             samples: Samples::default(),
             error: ErrorFigure::default(),
             counts: Counts::default(),
+            exposure: None,
             probes: Vec::new(),
             files: Vec::new(),
         }

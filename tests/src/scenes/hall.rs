@@ -1,4 +1,4 @@
-//! The default scene: a columned hall in the evening sun, with a dark room next door.
+//! The default scene: a columned hall in the evening sun, full of haze, with a dark room next door.
 //!
 //! The hall is 12 x 8 x 5 m with the origin in the middle of its floor and the nave along X. Walls are 0.3 m thick and
 //! have an outer shell without texels. Inner faces end exactly where they meet, so that no texel is buried; furniture
@@ -29,6 +29,7 @@ struct Materials {
     wood: Id,
     iron: Id,
     soot: Id,
+    velvet: Id,
     carpet: Id,
     blue: Id,
     ochre: Id,
@@ -53,11 +54,19 @@ pub fn hall() -> Vec<u8> {
     side_room(&mut glb, &m);
     lamps(&mut glb, &m);
     glb.camera("camera", Vec3::new(-5.8, 1.7, 0.75), Vec3::new(1.5, 1.72, -0.6), 55f32.to_radians());
-    glb.scene_extra(
-        "sky",
-        json!({"zenith": [60, 90, 160], "horizon": [220, 190, 170], "ground": [32, 29, 24]}),
-    );
+    glb.scene_extra("sky", json!({"zenith": [9, 13, 24], "horizon": [33, 28, 25], "ground": [5, 4, 3]}));
     glb.scene_extra("texels_per_metre", json!(12));
+    // It ends inside the walls, so that no surface coincides with its sides.
+    glb.scene_extra(
+        "media",
+        json!([{
+            "name": "haze",
+            "sigma_s": 0.14,
+            "sigma_a": 0.004,
+            "g": 0.3,
+            "box": {"min": [-6.1, -0.1, -4.1], "max": [6.1, 5.1, 4.1]},
+        }]),
+    );
     glb.finish()
 }
 
@@ -101,6 +110,7 @@ fn materials(glb: &mut Glb) -> Materials {
     let iron = matte("iron", [0.2, 0.2, 0.21]);
     // Next to a lamp even grey metal would outshine the room, and rays find it by chance only.
     let soot = matte("black iron", [0.04; 3]);
+    let velvet = matte("black velvet", [0.001; 3]);
     let carpet = matte("carpet", [0.5, 0.06, 0.05]);
     let clay = matte("clay", [0.52, 0.26, 0.15]);
     let wax = matte("wax", [0.72, 0.68, 0.58]);
@@ -119,6 +129,7 @@ fn materials(glb: &mut Glb) -> Materials {
         wood,
         iron,
         soot,
+        velvet,
         carpet,
         blue,
         ochre,
@@ -409,7 +420,7 @@ fn side_room(glb: &mut Glb, m: &Materials) {
     place(glb, "shelf", &shelf, m.wood);
 }
 
-/// A hanging lantern, two candles and the sun.
+/// A hanging lantern, two candles, two shaded lamps and the sun.
 fn lamps(glb: &mut Glb, m: &Materials) {
     let at = Vec3::new(3.3, 2.75, 0.0);
     let mut cage = Shape::default();
@@ -450,9 +461,35 @@ fn lamps(glb: &mut Glb, m: &Materials) {
         glb.node(Node::new(&format!("candle {}", i + 1)).mesh(mesh).at([5.3, 1.3, z]));
     }
 
-    let sun = glb.light("sun", Kind::Directional, [1.0, 0.83, 0.62], 900.0);
+    shaded_lamps(glb, m);
+
+    let sun = glb.light("sun", Kind::Directional, [1.0, 0.72, 0.45], 200.0);
     let node = Node::new("sun").at([0.0, 12.0, -15.0]).turned(looking(Vec3::new(0.28, -0.62, 0.85)));
     let mut node = node.extras(json!({"angular_diameter": 0.53}));
     node.light = Some(sun);
     glb.node(node);
+}
+
+/// Lamps on stands in the southern aisle that shine out of deep bowls at black plates under the ceiling: what they light
+/// reflects next to nothing, so their light reaches walls by way of the haze alone.
+fn shaded_lamps(glb: &mut Glb, m: &Materials) {
+    let mut stand = Shape::default();
+    stand.lathe(&[[0.17, -0.01], [0.16, 0.03], [0.02, 0.06], [0.015, 1.38]].map(Vec2::from), 10);
+    stand.lathe(&[[0.015, 1.38], [0.08, 1.42], [0.13, 1.55], [0.14, 1.72]].map(Vec2::from), 14);
+    stand.lathe(&[[0.14, 1.72], [0.13, 1.72]].map(Vec2::from), 14);
+    stand.lathe(&[[0.13, 1.72], [0.12, 1.56], [0.07, 1.44], [0.0, 1.44]].map(Vec2::from), 14);
+    let mut plate = Shape::default();
+    plate.lathe(&[[0.0, 4.68], [0.85, 4.68]].map(Vec2::from), 20);
+    plate.lathe(&[[0.85, 4.68], [0.85, 4.7]].map(Vec2::from), 20);
+    plate.lathe(&[[0.85, 4.7], [0.0, 4.7]].map(Vec2::from), 20);
+    let mesh = glb.mesh("shaded lamp", &[(&stand, m.soot), (&plate, m.velvet)]);
+    let light = glb.light("shaded light", Kind::Spot { inner: 0.17, outer: 0.26 }, WARM, 25_000.0);
+    for (i, x) in [0.0, 3.4].into_iter().enumerate() {
+        let name = format!("shaded lamp {}", i + 1);
+        // The plate would be by far the brightest thing of the map.
+        let node = Node::new(&name).mesh(mesh).at([x, 0.0, 3.1]);
+        glb.node(node.extras(json!({"lightmap": "off"})));
+        let up = Node::new(&format!("{name} light")).at([x, 1.6, 3.1]).turned(looking(Vec3::Y));
+        glb.node(Node { light: Some(light), ..up });
+    }
 }
