@@ -136,6 +136,23 @@ fn the_default_folder_is_named_after_the_scene() {
     assert!(dir.path().join("scene.bake/manifest.json").is_file());
 }
 
+#[test]
+fn pictures_take_the_exposure_that_is_said() {
+    let scene = open::under_sky(1.0, 1, [1.0; 3]);
+    let bake = |more: &[&str]| {
+        let args = [&["--samples", "4", "--texels-per-metre", "4"], more].concat();
+        tool::baked(&scene, &args)
+    };
+    let said = bake(&["--exposure", "0.25"]);
+    // White under a sky of 1 nit: 0.25 (1 + 0.25 / 144) / 1.25 = 0.20035, which the sRGB curve makes 124.
+    let page = image::load_from_memory(&said.files["lightmap-0.png"]).unwrap().to_rgb8();
+    assert!(page.pixels().any(|p| p.0 == [124; 3]), "no pixel of 124");
+    let exposure = |baked: &baked::Baked| baked.manifest.exposure.unwrap();
+    assert_eq!(exposure(&said), 0.25);
+    assert!((exposure(&bake(&[])) - 0.18).abs() < 0.02, "the plane is 1 nit");
+    refused(&["run", "scene.glb", "--exposure", "0"], &["--exposure", "above 0"]);
+}
+
 fn bytes(dir: &Path) -> BTreeMap<String, Vec<u8>> {
     baked::files(dir).unwrap()
 }

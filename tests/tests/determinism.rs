@@ -1,15 +1,29 @@
 //! The same bytes at any thread count, and every time.
 
 use suite::{
-    scenes::closed::{Room, room},
+    scenes::{
+        closed::{Room, room},
+        hall::hall,
+    },
     tool,
 };
 
 #[test]
 fn bytes_do_not_depend_on_threads_or_repetition() {
+    same_at_any_thread_count(&room(Room::default()), &["--samples", "16", "--texels-per-metre", "6"]);
+}
+
+#[test]
+fn nor_do_they_in_haze() {
+    for media in ["table", "reference"] {
+        same_at_any_thread_count(&hall(), &["--samples", "2", "--texels-per-metre", "1", "--media", media]);
+    }
+}
+
+fn same_at_any_thread_count(scene: &[u8], args: &[&str]) {
     let bake = |threads: &str| {
-        let args = ["--samples", "16", "--texels-per-metre", "6", "--seed", "7", "--threads", threads];
-        tool::baked(&room(Room::default()), &args).files
+        let args = [args, &["--seed", "7", "--threads", threads]].concat();
+        tool::baked(scene, &args).files
     };
     let first = bake("1");
     for name in ["manifest.json", "scene.glb", "lightmap-0.exr"] {
