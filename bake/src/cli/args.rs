@@ -288,6 +288,8 @@ pub(crate) enum MediaArg {
     Attenuate,
     /// Media weaken light and scatter it as if nothing bounded them: [IR19], for open air
     Table,
+    /// Media weaken light and scatter it, walls and shadows included
+    Bounded,
     /// Unbiased paths scatter in media: slow
     Reference,
 }

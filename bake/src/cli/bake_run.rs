@@ -13,9 +13,11 @@ use crate::plan::settings::Sampling;
 use crate::plan::{self, Plan};
 use crate::solve::accumulate::Gate;
 use crate::solve::cache::Cells;
+use crate::solve::light_grid::Gathering;
 use crate::solve::pilot::{self, Learnt};
 use crate::solve::{Monitor, facing, lightmap, schedule};
 use crate::transport::cache::IrradianceCache;
+use crate::transport::light_grid::LightGrid;
 use crate::transport::{Kernel, Vertex};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -155,7 +157,8 @@ impl Job<'_> {
         let learnt = learn(self.plan);
         let kernel = learnt.guide(kernel(self.plan));
         self.watch.lap("pilot");
-        let cache = self.cache(&kernel, &baked.monitor)?;
+        let (cache, grid) = self.cache(&kernel, &baked.monitor)?;
+        let kernel = Kernel { grid: grid.as_ref(), ..kernel };
         // Whether no light at all reaches a side is a question to paths alone.
         let unbiased = kernel;
         let kernel = Kernel { cache: cache.as_ref(), ..learnt.guide_texels(kernel) };
@@ -231,15 +234,32 @@ impl Job<'_> {
         now + left.mul_f64(area(&rest[0]) / all.max(1.0))
     }
 
-    /// Gathers the irradiance cache if the plan wants it.
-    fn cache(&self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<Option<IrradianceCache>, Error> {
-        if !self.plan.settings().caches() {
-            return Ok(None);
+    /// Gathers the irradiance cache and the light grid of media if the plan wants them.
+    fn cache(
+        &self,
+        kernel: &Kernel<'_>,
+        monitor: &Monitor,
+    ) -> Result<(Option<IrradianceCache>, Option<LightGrid>), Error> {
+        let settings = self.plan.settings();
+        let fineness = settings.light_grid().filter(|_| kernel.media.is_some());
+        let mut air = fineness.and_then(|f| Gathering::new(kernel, f, settings.seed));
+        let paths = air.as_ref().map_or(0, Gathering::paths);
+        if !settings.caches() {
+            let Some(air) = air else { return Ok((None, None)) };
+            return say::watch(self.style, "light in media", paths, monitor, self.interrupt, || {
+                air.fill(kernel, monitor).map(|grid| (None, Some(grid)))
+            });
         }
         let cells = cells(self.plan, kernel);
-        say::watch(self.style, "irradiance cache", cells.paths(), monitor, self.interrupt, || {
-            cells.fill(kernel, monitor).map(Some)
-        })
+        let cache = say::watch(
+            self.style,
+            "irradiance cache",
+            cells.paths() + paths,
+            monitor,
+            self.interrupt,
+            || cells.fill(kernel, air.as_mut(), monitor),
+        )?;
+        Ok((Some(cache), air.map(|air| air.grid)))
     }
 
     /// Reports samples that were not finite; with `--strict` they end the bake.

@@ -130,6 +130,7 @@ pub(crate) fn media(arg: Option<MediaArg>, run: &RunConfig, scene: &Scene) -> Re
         MediaArg::Off => MediaMode::Off,
         MediaArg::Attenuate => MediaMode::Attenuate,
         MediaArg::Table => MediaMode::Table,
+        MediaArg::Bounded => MediaMode::Bounded,
         MediaArg::Reference => MediaMode::Reference,
     })
 }

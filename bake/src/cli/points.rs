@@ -6,9 +6,9 @@ use crate::cli::args::{PointsArgs, SceneArgs};
 use crate::cli::input;
 use crate::cli::say::{self, Interrupt, Style};
 use crate::error::{Error, Finding};
-use crate::plan::{self, Quality, Tracing};
-use crate::scene::config::RunConfig;
+use crate::plan::{self, MediaMode, Quality, Tracing};
 use crate::solve::Monitor;
+use crate::solve::light_grid::Gathering;
 use crate::solve::pilot::Learnt;
 use crate::solve::points::{self, Until};
 use crate::transport::Kernel;
@@ -33,7 +33,12 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
     let input = input::load(&scene_args)?;
     say::findings(&input.findings, false);
     plan::admit(&input.findings)?;
-    let until = until(args, &input.run)?;
+    let quality = match (args.quality, &input.run.quality) {
+        (None, Some(text)) => Some(input::word(text, "run.quality")?),
+        (given, _) => given,
+    };
+    let quality = quality.map_or(Quality::Medium, input::quality);
+    let until = until(args, quality)?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(args.work.threads.or(input.run.threads).unwrap_or(0) as usize)
         .build()
@@ -46,12 +51,25 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
     let receivers: Vec<_> = points.iter().map(|&(p, n)| points::place(&kernel, p, n)).collect();
     let learnt = pool.install(|| Learnt::new(&kernel, &receivers, seed));
     let kernel = learnt.guide(kernel);
+    let style = Style::new(args.work.progress);
+    let air = (media == MediaMode::Bounded).then(|| quality.light_grid());
+    let air = air.and_then(|f| pool.install(|| Gathering::new(&kernel, f, seed)));
+    let grid = match air {
+        None => None,
+        Some(air) => {
+            let paths = air.paths();
+            Some(say::watch(style, "light in media", paths, &Monitor::default(), interrupt, || {
+                pool.install(|| air.fill(&kernel, &monitor))
+            })?)
+        }
+    };
+    let kernel = Kernel { grid: grid.as_ref(), ..kernel };
     let total = match until {
         Until::Samples(n) => u64::from(n) * points.len() as u64,
         Until::Error { .. } => 0,
     };
     // With an error as the target the number of paths is not known, so there is nothing to show.
-    let style = if total == 0 { Style::Silent } else { Style::new(args.work.progress) };
+    let style = if total == 0 { Style::Silent } else { style };
     let (results, gate) = say::watch(style, "points", total, &monitor, interrupt, || {
         pool.install(|| points::gather(&kernel, &points, until, seed, &monitor))
     })?;
@@ -78,18 +96,14 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
     Ok(ExitCode::SUCCESS)
 }
 
-fn until(args: &PointsArgs, run: &RunConfig) -> Result<Until, Error> {
+fn until(args: &PointsArgs, quality: Quality) -> Result<Until, Error> {
     if let Some(n) = args.samples {
         return Ok(Until::Samples(n));
     }
-    let quality = match (args.quality, &run.quality) {
-        (None, Some(text)) => Some(input::word(text, "run.quality")?),
-        (given, _) => given,
-    };
-    let preset = match quality.map(input::quality) {
-        Some(Quality::Draft) => 0.01,
-        Some(Quality::High) => 0.001,
-        Some(Quality::Medium) | None => 0.003,
+    let preset = match quality {
+        Quality::Draft => 0.01,
+        Quality::Medium => 0.003,
+        Quality::High => 0.001,
     };
     let relative = args.target_error.unwrap_or(preset);
     if !(0.0 < relative && relative.is_finite()) {

@@ -18,6 +18,37 @@ pub struct Emitters {
     by_power: Option<Cdf>,
     /// Index into `list` for each world triangle, `u32::MAX` where it does not emit; empty if none does.
     of_triangle: Vec<u32>,
+    groups: Vec<Group>,
+}
+
+/// The emissive triangles of one surface, as a light in media.
+#[derive(Clone, Debug)]
+pub struct Group {
+    /// Mean of its triangles' centres by power, metres.
+    pub centre: Vec3A,
+    /// No corner is farther from the centre, metres.
+    pub radius: f32,
+    /// Mean luminous intensity over all directions, candela.
+    pub intensity: f32,
+    first: usize,
+    choice: Cdf,
+}
+
+/// A point of a group.
+#[derive(Clone, Copy, Debug)]
+pub struct GroupSample {
+    /// World triangle.
+    pub triangle: u32,
+    /// Barycentric weights.
+    pub bary: [f32; 3],
+    /// Metres, relative to the world's origin.
+    pub position: Vec3A,
+    /// Unit normal.
+    pub normal: Vec3A,
+    /// Shines to both sides.
+    pub both_sides: bool,
+    /// Density per area, choice of the triangle included.
+    pub pdf: f32,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -85,7 +116,38 @@ impl Emitters {
         for (k, e) in list.iter().enumerate() {
             of_triangle[e.triangle as usize] = k as u32;
         }
-        Self { list, by_power, of_triangle }
+        let groups = list
+            .chunk_by(|a, b| world.surface(a.triangle) == world.surface(b.triangle))
+            .scan(0, |first, members| {
+                let group = Group::new(*first, members);
+                *first += members.len();
+                Some(group)
+            })
+            .flatten()
+            .collect();
+        Self { list, by_power, of_triangle, groups }
+    }
+
+    /// The emissive surfaces.
+    #[must_use]
+    pub fn groups(&self) -> &[Group] {
+        &self.groups
+    }
+
+    /// A point of a group, by power.
+    #[must_use]
+    pub fn sample_group(&self, group: &Group, u: f32, v: [f32; 2]) -> GroupSample {
+        let (k, _) = group.choice.sample(u);
+        let e = &self.list[group.first + k];
+        let bary = square_to_triangle(v);
+        GroupSample {
+            triangle: e.triangle,
+            bary,
+            position: e.corners[0] * bary[0] + e.corners[1] * bary[1] + e.corners[2] * bary[2],
+            normal: e.normal,
+            both_sides: e.both_sides,
+            pdf: group.choice.pdf(k) / e.area,
+        }
     }
 
     /// Whether nothing emits.
@@ -166,6 +228,18 @@ impl Emitters {
             }
         }
         last
+    }
+}
+
+impl Group {
+    fn new(first: usize, members: &[Emitter]) -> Option<Self> {
+        let choice = Cdf::new(members.iter().map(|e| f64::from(e.power())))?;
+        let power: f32 = members.iter().map(Emitter::power).sum();
+        let centre = members.iter().map(|e| e.centre * (e.power() / power)).sum::<Vec3A>();
+        let corners = members.iter().flat_map(|e| e.corners);
+        let radius = corners.map(|c| (c - centre).length()).fold(0.0, f32::max);
+        // A patch of 1 nit and 1 m^2 sends pi lumens.
+        Some(Self { centre, radius, intensity: 0.25 * power, first, choice })
     }
 }
 

@@ -54,6 +54,43 @@ impl Punctual {
         self.position
     }
 
+    /// Greatest intensity, candela.
+    #[must_use]
+    pub fn intensity(&self) -> Rgb {
+        self.intensity
+    }
+
+    /// Where a ray is inside the light's cone, between `from` and `to`; a little more rather than less. `None` where it never is.
+    #[must_use]
+    pub fn lit_part(&self, origin: Vec3A, direction: Vec3A, from: f32, to: f32) -> Option<(f32, f32)> {
+        let Some((axis, s, o)) = self.cone else { return Some((from, to)) };
+        let cos = (-o / s).clamp(0.0, 1.0);
+        let w = origin - self.position;
+        // (v.axis)^2 = cos^2 v.v for v = w + t direction.
+        let (da, wa, c2) = (direction.dot(axis), w.dot(axis), cos * cos);
+        let (a, b, c) = (da * da - c2, da * wa - c2 * direction.dot(w), wa * wa - c2 * w.dot(w));
+        let root = (b * b - a * c).max(0.0).sqrt();
+        let q = if b < 0.0 { root - b } else { -root - b };
+        let (t0, t1) = (q / a, c / q);
+        let mut ends = [from, t0.min(t1), t0.max(t1), to];
+        for t in &mut ends[1..3] {
+            *t = if t.is_finite() { t.clamp(from, to) } else { from };
+        }
+        let inside = |t: f32| {
+            let v = w + direction * t;
+            0.0 <= v.dot(axis) && c2 * v.length_squared() <= v.dot(axis) * v.dot(axis)
+        };
+        let mut part: Option<(f32, f32)> = None;
+        for e in ends.windows(2).filter(|e| e[0] < e[1]) {
+            let middle =
+                if e[1].is_finite() { 0.5 * (e[0] + e[1]) } else { 2.0 * e[0].abs() + 1e3 * w.length() };
+            if inside(middle) {
+                part = Some((part.map_or(e[0], |p| p.0), e[1]));
+            }
+        }
+        part
+    }
+
     /// What arrives at `p` where nothing is in between; `None` outside the cone and the range, and at
     /// the light itself, where the illuminance has no value.
     #[must_use]
@@ -164,6 +201,41 @@ mod tests {
         let a = (cos - 0.5f32.sqrt()) / (1.0 - 0.5f32.sqrt());
         assert!((s.illuminance.x - a * a / 1.16).abs() < 1e-5);
         assert!(spot(0.5, 0.5).incident(Vec3A::ZERO).is_some_and(|e| e.illuminance.is_finite()));
+    }
+
+    /// Whatever is lit lies within the part, and the part is no longer than what is lit.
+    #[test]
+    fn rays_are_cut_to_the_cone() {
+        for outer in [0.05f32, 0.4, 1.2, 1.55] {
+            let kind = LightKind::Spot {
+                position: Vec3::new(0.3, 1.0, -0.2),
+                direction: Vec3::new(0.36, -0.48, 0.8),
+                intensity: Vec3::ONE,
+                range: None,
+                inner_cone: 0.5 * outer,
+                outer_cone: outer,
+            };
+            let spot = Punctual::new(kind, LightMode::Baked, Vec3::ZERO).expect("a spot light");
+            let mut met = 0;
+            for i in 0..2000u32 {
+                let u = |d| sobol_burley::sample(i, d, 9) - 0.5;
+                let origin = Vec3A::new(6.0 * u(0), 6.0 * u(1), 6.0 * u(2));
+                let direction = Vec3A::new(u(3), u(4), u(5)).normalize();
+                let part = spot.lit_part(origin, direction, 0.5, 7.0);
+                met += u32::from(part.is_some());
+                for k in 0..50u16 {
+                    let t = 0.5 + 6.5 * (f32::from(k) + 0.5) / 50.0;
+                    let lit = spot.incident(origin + direction * t).is_some();
+                    let inside = part.is_some_and(|p| p.0 <= t && t <= p.1);
+                    let near = part.is_some_and(|p| (p.0 - t).abs().min((p.1 - t).abs()) < 2e-2);
+                    assert!(lit == inside || near, "{outer}: {t} {part:?} of {origin} {direction}");
+                }
+                if let Some((from, _)) = spot.lit_part(origin, direction, 0.5, f32::INFINITY) {
+                    assert!(part.is_none_or(|p| p.0 == from), "{from} {part:?}");
+                }
+            }
+            assert!(5 < met, "{outer}: {met}");
+        }
     }
 
     #[test]

@@ -123,6 +123,37 @@ impl Media {
         (!bodies.is_empty()).then_some(Self { bodies })
     }
 
+    /// Lower and upper corner of what holds them; `None` if that has no end.
+    #[must_use]
+    pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
+        let mut all = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for b in &self.bodies {
+            let (min, max) = b.bounds()?;
+            all = (all.0.min(min), all.1.max(max));
+        }
+        Some(all)
+    }
+
+    /// Whether any of them scatters light.
+    #[must_use]
+    pub fn scatters(&self) -> bool {
+        self.bodies.iter().any(|b| b.sigma_s != Vec3::ZERO)
+    }
+
+    /// What a ray's first `t_max` metres cross, where it is one homogeneous medium and no more: from where to where, and its
+    /// coefficients. `None` if it may be more; nothing crossed has no length.
+    #[must_use]
+    #[inline]
+    pub fn plain(&self, origin: Vec3A, direction: Vec3A, t_max: f32) -> Option<(f32, f32, Coefficients)> {
+        let [b] = self.bodies.as_slice() else { return None };
+        if !matches!(b.density, Density::Constant) || matches!(b.shape, Shape::Mesh(_)) {
+            return None;
+        }
+        let mut ends = (0.0, 0.0);
+        b.parts(origin, direction, t_max, |from, to| ends = (from, to));
+        Some((ends.0, ends.1, Coefficients { sigma_s: b.sigma_s, sigma_t: b.sigma_s + b.sigma_a, g: b.g }))
+    }
+
     /// Bytes that grids of voxels hold.
     #[must_use]
     pub fn bytes(scene: &Scene) -> u64 {
@@ -312,6 +343,35 @@ impl Body {
             }
         };
         Self { sigma_s: medium.sigma_s, sigma_a: medium.sigma_a, g: medium.g, density, shape }
+    }
+
+    /// Lower and upper corner; `None` without end.
+    fn bounds(&self) -> Option<(Vec3, Vec3)> {
+        let of = |corners: &mut dyn Iterator<Item = Vec3>| {
+            corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(a, b), c| (a.min(c), b.max(c)))
+        };
+        let cube = |size: Vec3, world_from: Affine3A| {
+            of(&mut (0..8u8).map(|i| {
+                let bit = |k: u8| f32::from(i >> k & 1);
+                world_from.transform_point3(Vec3::new(bit(0), bit(1), bit(2)) * size)
+            }))
+        };
+        let shape = match &self.shape {
+            Shape::Everywhere => None,
+            Shape::Box { min, max } => Some((*min, *max)),
+            Shape::Turned(unit_from_world) => Some(cube(Vec3::ONE, unit_from_world.inverse())),
+            Shape::Mesh(boundary) => Some(boundary.bounds()),
+        };
+        let grid = match &self.density {
+            Density::Constant | Density::Height { .. } => None,
+            Density::Voxels { values, voxels_from_world } => {
+                Some(cube(values.size().as_vec3(), voxels_from_world.inverse()))
+            }
+        };
+        match (shape, grid) {
+            (Some(a), Some(b)) => Some((a.0.max(b.0), a.1.min(b.1))),
+            (a, b) => a.or(b),
+        }
     }
 
     /// Metres of density 1 that a ray's first `t_max` metres are worth.

@@ -95,6 +95,11 @@ pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> 
                 (n, MediaMode::Table) => {
                     format!("{n}, weakening light and scattering it as if without bounds")
                 }
+                (n, MediaMode::Bounded) => {
+                    format!(
+                        "{n}, weakening light and scattering it: a grid of light, walls and shadows included"
+                    )
+                }
                 (n, MediaMode::Reference) => format!("{n}, scattering paths"),
             },
         ),

@@ -28,6 +28,17 @@ impl Quality {
         }
     }
 
+    /// How fine the light grid of media is.
+    #[must_use]
+    pub const fn light_grid(self) -> Fineness {
+        let (nodes, rays) = match self {
+            Self::Draft => (1 << 12, 32),
+            Self::Medium => (1 << 14, 64),
+            Self::High => (1 << 16, 64),
+        };
+        Fineness { nodes, rays, orders: None }
+    }
+
     /// Side of the one page that the scene is fitted onto where no density is given, texels.
     #[must_use]
     pub const fn page_size(self) -> u32 {
@@ -47,6 +58,17 @@ impl Quality {
             Self::High => "high",
         }
     }
+}
+
+/// How fine the light grid of media is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fineness {
+    /// About how many nodes.
+    pub nodes: u32,
+    /// Rays of each node in the last pass.
+    pub rays: u32,
+    /// Most steps of scattering from node to node; `None`: as many as count.
+    pub orders: Option<u32>,
 }
 
 /// How many paths texels get.
@@ -75,6 +97,8 @@ pub enum MediaMode {
     Attenuate,
     /// They weaken it, and scatter it as if nothing bounded them.
     Table,
+    /// They weaken it, and scatter it between walls: a grid of light in the media.
+    Bounded,
     /// Unbiased paths scatter in them.
     Reference,
 }
@@ -87,6 +111,7 @@ impl MediaMode {
             Self::Off => "off",
             Self::Attenuate => "attenuate",
             Self::Table => "table",
+            Self::Bounded => "bounded",
             Self::Reference => "reference",
         }
     }
@@ -148,6 +173,12 @@ impl Settings {
     #[must_use]
     pub fn caches(&self) -> bool {
         self.irradiance_cache && self.bounces.is_none() && self.media != MediaMode::Reference
+    }
+
+    /// How fine the light grid of media is, if there is one.
+    #[must_use]
+    pub fn light_grid(&self) -> Option<Fineness> {
+        (self.media == MediaMode::Bounded).then(|| self.quality.light_grid())
     }
 
     pub(crate) fn atlas(&self) -> AtlasOptions {

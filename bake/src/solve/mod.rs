@@ -5,6 +5,7 @@ pub mod adaptive;
 pub mod audit;
 pub mod cache;
 pub mod facing;
+pub mod light_grid;
 pub mod lightmap;
 pub mod monitor;
 pub mod pilot;

@@ -1,10 +1,13 @@
 //! Light transport: the path-traced estimate of what arrives at a point.
 
+pub(crate) mod air;
+pub(crate) mod airlight;
 pub mod cache;
 pub mod connect;
 pub mod direct;
 pub(crate) mod encounter;
 mod glow;
+pub mod light_grid;
 pub mod path;
 mod volume;
 

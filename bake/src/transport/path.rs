@@ -13,10 +13,12 @@ use crate::plan::{MediaMode, Tracing};
 use crate::sample::Sequence;
 use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
 use crate::scene::model::{Rgb, Scene};
+use crate::transport::airlight::Link;
 use crate::transport::cache::IrradianceCache;
 use crate::transport::connect::{Arrival, LightVertex};
 use crate::transport::direct::Part;
 use crate::transport::encounter::Onward;
+use crate::transport::light_grid::LightGrid;
 use glam::{Vec3, Vec3A};
 
 /// Throughput below which Russian roulette starts. It is a product of albedos, so the decision does
@@ -83,6 +85,8 @@ pub struct Kernel<'a> {
     pub media: Option<&'a Media>,
     /// What of it is scattered, as if nothing bounded the media.
     pub responses: Option<&'a Responses>,
+    /// What of it is scattered between walls.
+    pub grid: Option<&'a LightGrid>,
     /// Whether paths scatter in it.
     pub scatters: bool,
 }
@@ -182,6 +186,7 @@ impl<'a> Kernel<'a> {
             cache: None,
             media: tracing.media.as_ref().filter(|_| media != MediaMode::Off),
             responses: tracing.responses.as_ref().filter(|_| media == MediaMode::Table),
+            grid: None,
             scatters: media == MediaMode::Reference,
         }
     }
@@ -256,6 +261,7 @@ impl Kernel<'_> {
             }
             let wi = Frame::new(vertex.shading_normal).to_world(square_to_cos_hemisphere(turn));
             let leg = self.follow(&vertex, wi, by_area, sequence, &mut out.rays);
+            out.indirect += throughput * leg.airlight;
             if depth == 0 {
                 out.direct = direct.small + direct.area + leg.emitted;
             } else {
@@ -329,10 +335,35 @@ impl Kernel<'_> {
         rays: &mut u32,
     ) -> Leg {
         let pdf = cos_hemisphere_pdf(wi.dot(from.shading_normal));
+        self.follow_on::<true>((from, wi, pdf), by_area, None, sequence, rays)
+    }
+
+    /// As [`Kernel::follow`] from a place in the air, whose rays alone find the sky, and do not count emitters. With `link` the first part of the
+    /// way has no light of the grid.
+    pub(crate) fn follow_in_air(
+        &self,
+        from: &Vertex,
+        wi: Vec3A,
+        link: Option<&mut Option<Link>>,
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Leg {
+        self.follow_on::<false>((from, wi, 1.0), None, link, sequence, rays)
+    }
+
+    fn follow_on<const ON_SURFACE: bool>(
+        &self,
+        (from, wi, pdf): (&Vertex, Vec3A, f32),
+        by_area: Option<&Responses>,
+        mut link: Option<&mut Option<Link>>,
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Leg {
         let mut ray = from.ray(wi, f32::INFINITY);
         let mut travelled = 0.0;
         let mut leg = Leg {
             emitted: Vec3::ZERO,
+            airlight: Vec3::ZERO,
             next: None,
             lit: Vec3::ONE,
             rest: Vec3::ONE,
@@ -342,9 +373,22 @@ impl Kernel<'_> {
         let mut through = Vec3::ONE;
         for _ in 0..MAX_LAYERS {
             *rays += 1;
-            let Some(hit) = self.closest(&ray) else {
+            let hit = self.closest(&ray);
+            if let (Some(grid), Some(media)) = (self.grid, self.media) {
+                let length = hit.map_or(f32::INFINITY, |h| h.t);
+                let part = (ray.origin, wi, length);
+                let air = self.airlight((media, grid), part, link.take(), sequence, rays);
+                // Layers that let light pass are rare, and so is the media's share before them.
+                let before = if 0.0 < travelled {
+                    media.transmittance(from.position, wi, travelled)
+                } else {
+                    Vec3::ONE
+                };
+                leg.airlight += through * before * air;
+            }
+            let Some(hit) = hit else {
                 let sky = through * self.lights.sky.radiance(wi);
-                let other = self.sky_density(from, wi);
+                let other = if ON_SURFACE { self.sky_density(from, wi) } else { 0.0 };
                 leg.emitted += sky
                     * match self.media {
                         None => Vec3::splat(balance(pdf, other)),
@@ -355,7 +399,7 @@ impl Kernel<'_> {
             travelled += hit.t;
             leg.travelled = travelled;
             let met = self.encounter(&hit, wi);
-            if met.emits {
+            if met.emits && ON_SURFACE {
                 let other =
                     self.lights.emitters.pdf(&self.emitter_receiver(from), hit.triangle, wi, travelled);
                 let emission = through * met.shade.emission;
@@ -431,15 +475,17 @@ pub(crate) fn balance(taken: f32, other: f32) -> f32 {
 }
 
 /// A ray's way from one reflection to the next.
-struct Leg {
+pub(crate) struct Leg {
     /// Emission met on the way, weighted against next-event estimation, nits.
-    emitted: Rgb,
+    pub(crate) emitted: Rgb,
+    /// What media scatter into the way, nits.
+    pub(crate) airlight: Rgb,
     /// Where light was reflected and by how much, or `None` if it left or was absorbed.
-    next: Option<(Vertex, Rgb)>,
+    pub(crate) next: Option<(Vertex, Rgb)>,
     /// What media make of light that suns and lamps bring to that place straight away, which beams find as well.
     lit: Rgb,
     /// What they make of the rest.
-    rest: Rgb,
+    pub(crate) rest: Rgb,
     /// How likely the place of the reflection was found.
     arrival: Arrival,
     /// Length of the way, metres.

@@ -12,19 +12,16 @@ use crate::media::{Media, Segment};
 use crate::sample::Sequence;
 use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
 use crate::scene::model::Rgb;
+use crate::transport::air::{Air, equi_angular, henyey_greenstein, henyey_greenstein_direction};
 use crate::transport::direct::Part;
 use crate::transport::encounter::Onward;
 use crate::transport::path::{
     DEEP, DEEP_SURVIVAL, Estimate, Kernel, MAX_LAYERS, ROULETTE_BELOW, Vertex, balance,
 };
 use glam::{Vec3, Vec3A};
-use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, PI};
 
 /// Up to this many lamps are all asked on each segment; of more, one.
 const ALL_LAMPS: usize = 4;
-
-/// Rays that pass a lamp by less than this part of its distance do not see its airlight.
-const THROUGH_A_LAMP: f32 = 1e-5;
 
 /// Where a path is.
 enum Place {
@@ -177,6 +174,7 @@ impl Kernel<'_> {
         for (k, i) in ask.enumerate() {
             let u = (a + 0.618_034 * k as f32).fract();
             let to_lamp = lamps[i].position() - air.origin;
+            let Some((from, to)) = lamps[i].lit_part(air.origin, air.direction, from, to) else { continue };
             let Some((t, pdf)) = equi_angular(to_lamp, air.direction, from, to, u) else { continue };
             let Some(segment) = air.segments.iter().find(|s| s.from <= t && t <= s.to) else { continue };
             let p = air.origin + air.direction * t;
@@ -256,60 +254,7 @@ fn survives(throughput: &mut Rgb, depth: u32, sequence: &mut Sequence) -> bool {
     true
 }
 
-/// The media along a ray.
-struct Air<'a> {
-    media: &'a Media,
-    segments: &'a [Segment],
-    origin: Vec3A,
-    direction: Vec3A,
-}
-
 impl Air<'_> {
-    fn depth(&self, segment: Segment, to: f32) -> Rgb {
-        self.media.depth_within(segment, self.origin, self.direction, to)
-    }
-
-    /// What is left of light along the first `t` metres.
-    fn transmittance(&self, t: f32) -> Rgb {
-        let before = self.segments.iter().filter(|s| s.from < t);
-        (-before.map(|s| self.depth(*s, t.min(s.to))).sum::<Vec3>()).exp()
-    }
-
-    /// The place in a segment up to which one channel's optical depth is `wanted`: Newton's method, kept between ends by
-    /// bisection. In a homogeneous segment the first step is exact.
-    fn place(&self, segment: Segment, channel: usize, wanted: f32) -> f32 {
-        if let Some(t) = self.media.place_in_grid(segment, self.origin, self.direction, channel, wanted) {
-            return t.clamp(segment.from, segment.to);
-        }
-        let (mut low, mut high) = (segment.from, segment.to);
-        let sigma = |t| self.media.coefficients(segment, self.origin, self.direction, t).sigma_t[channel];
-        let mut t = low + wanted / sigma(low);
-        for _ in 0..60 {
-            if !(low < t && t < high) {
-                // Where there is no end yet, twice as far.
-                t = if high.is_finite() {
-                    0.5 * (low + high)
-                } else {
-                    2.0 * low + 1.0 / sigma(low).max(1e-30)
-                };
-            }
-            let off = wanted - self.depth(segment, t)[channel];
-            if off.abs() <= 1e-6 * wanted {
-                break;
-            }
-            if 0.0 < off {
-                low = t
-            } else {
-                high = t
-            }
-            if high - low <= 1e-6 * high {
-                break;
-            }
-            t += off / sigma(t);
-        }
-        t.clamp(segment.from, segment.to)
-    }
-
     /// Where the path scatters in a segment in which a grid and other media overlap: null-collision tracking (\[WMHL65\] Woodcock
     /// et al.) brick by brick. `parts` is room.
     fn track(
@@ -375,45 +320,6 @@ fn flight(air: &Air<'_>, throughput: Rgb, sequence: &mut Sequence) -> End {
     let left = (-depth).exp();
     let chance = chances.dot(left);
     End::Through { weight: if 0.0 < chance { left / chance } else { Vec3::ZERO } }
-}
-
-/// A place between `from` and `to` along a ray, by the angle that it is seen under from a lamp, and its density per metre.
-fn equi_angular(to_lamp: Vec3A, direction: Vec3A, from: f32, to: f32, u: f32) -> Option<(f32, f32)> {
-    let nearest = to_lamp.dot(direction);
-    let aside = (to_lamp - direction * nearest).length();
-    // Where a ray passes a lamp within the rounding of places, its light is anything; what is left out is this part of the lamp's
-    // airlight, which falls with the sine of the angle.
-    if !(THROUGH_A_LAMP * to_lamp.length() < aside && from < to) {
-        return None;
-    }
-    let begin = ((from - nearest) / aside).atan();
-    let end = if to.is_finite() { ((to - nearest) / aside).atan() } else { FRAC_PI_2 };
-    let x = aside * (begin + (end - begin) * u).tan();
-    let pdf = aside / ((end - begin) * (aside * aside + x * x));
-    let t = (nearest + x).clamp(from, to);
-    (0.0 < pdf && pdf.is_finite() && t.is_finite()).then_some((t, pdf))
-}
-
-/// Henyey-Greenstein phase function, per steradian; `x` is the cosine between the directions of travel.
-fn henyey_greenstein(g: f32, x: f32) -> f32 {
-    let d = (1.0 - g) * (1.0 - g) + 2.0 * g * (1.0 - x).max(0.0);
-    0.25 * FRAC_1_PI * (1.0 - g * g) / (d * d.sqrt())
-}
-
-/// A direction of travel after scattering, by the phase function; seen from the receiver backwards, which is the same.
-fn henyey_greenstein_direction(direction: Vec3A, g: f32, u: [f32; 2]) -> Vec3A {
-    let cos = if g.abs() < 1e-3 {
-        // To first order in g, where the closed form cancels.
-        let x = 2.0 * u[0] - 1.0;
-        x + 1.5 * g * (1.0 - x * x)
-    } else {
-        let q = (1.0 - g * g) / (1.0 - g + 2.0 * g * u[0]);
-        (1.0 + g * g - q * q) / (2.0 * g)
-    }
-    .clamp(-1.0, 1.0);
-    let sin = (1.0 - cos * cos).sqrt();
-    let (y, x) = (2.0 * PI * u[1]).sin_cos();
-    Frame::new(direction).to_world(Vec3A::new(sin * x, sin * y, cos))
 }
 
 #[cfg(test)]

@@ -1,0 +1,240 @@
+//! Fills the light grid of media ([`crate::transport::light_grid`]).
+//!
+//! Every node looks around by a few rays. What they find at surfaces and what media scatter once on the way is taken at once; where light was
+//! scattered before, a ray ends at another node, and only that node and its weight are kept. These links are a system of linear equations, whose
+//! solution has every order of scattering without another ray. Gathering it again with what surfaces made of it in between, the exchange
+//! between surfaces and media converges as the irradiance cache does, pass by pass.
+
+use crate::error::Error;
+use crate::geom::World;
+use crate::geom::world::luminance;
+use crate::plan::settings::Fineness;
+use crate::sample::{Sequence, sequence};
+use crate::scene::model::Rgb;
+use crate::solve::Monitor;
+use crate::transport::Kernel;
+use crate::transport::airlight::{Link, in_air};
+use crate::transport::light_grid::{COEFFICIENTS, LightGrid, Seen, dot, harmonics, scattering};
+use glam::{Quat, Vec3, Vec3A};
+use rayon::prelude::*;
+use std::f32::consts::PI;
+
+/// Random numbers of the grid belong to this domain; see [`sequence::key`].
+const DOMAIN: u64 = 0x4c47;
+
+/// Rays of each node in each pass, as parts of those of the last one. The first is for the media in what surfaces reflect.
+pub const PASSES: [f32; 8] = [0.25, 0.25, 0.25, 0.25, 0.25, 0.25, 0.5, 1.0];
+
+/// What is still missing when the equations count as solved, as a part of the mean.
+const SOLVED: f64 = 2e-4;
+
+/// Most steps towards the solution.
+const STEPS: u32 = 400;
+
+/// Steps between two leaps along what changes slowest.
+const LEAP: u32 = 8;
+
+/// A grid that is being gathered.
+#[derive(Debug)]
+pub struct Gathering {
+    /// What is known so far.
+    pub grid: LightGrid,
+    fineness: Fineness,
+    seed: u64,
+    pass: usize,
+}
+
+/// What a node found.
+struct Found {
+    light: [Rgb; COEFFICIENTS],
+    links: Vec<Option<Link>>,
+}
+
+impl Gathering {
+    /// A dark grid that knows what its nodes see; `None` if nothing scatters.
+    #[must_use]
+    pub fn new(kernel: &Kernel<'_>, fineness: Fineness, seed: u64) -> Option<Self> {
+        let media = kernel.media.filter(|m| m.scatters())?;
+        let bounds = bounds(kernel.world, media.bounds())?;
+        let mut grid = LightGrid::new(kernel.world, bounds, fineness.nodes);
+        let known = LightGrid::looks_at(kernel.air_lights());
+        let seen: Vec<Seen> = (0..grid.len())
+            .into_par_iter()
+            .flat_map_iter(|node| {
+                let p = grid.node(node);
+                let mut sequence = Sequence::new(sequence::key(seed, DOMAIN ^ 0xffff, node as u64), 0);
+                (0..known).map(move |light| kernel.looks(p, light, &mut sequence))
+            })
+            .collect();
+        grid.look(known, &seen);
+        Some(Self { grid, fineness, seed, pass: 0 })
+    }
+
+    /// Paths that all passes take.
+    #[must_use]
+    pub fn paths(&self) -> u64 {
+        let each: u32 = PASSES.iter().map(|p| self.rays(*p)).sum();
+        self.grid.len() as u64 * u64::from(each)
+    }
+
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of rays")]
+    fn rays(&self, part: f32) -> u32 {
+        ((self.fineness.rays as f32 * part) as u32).max(8)
+    }
+
+    /// Gathers once more, with what surfaces and the grid had before.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Interrupted`] when the monitor asks to stop.
+    pub fn pass(&mut self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<(), Error> {
+        let n = self.rays(PASSES[self.pass.min(PASSES.len() - 1)]);
+        let directions = directions(n);
+        let domain = DOMAIN + self.pass as u64;
+        let kernel = Kernel { grid: Some(&self.grid), ..*kernel };
+        let found: Vec<Found> = (0..self.grid.len())
+            .into_par_iter()
+            .with_max_len(64)
+            .map(|node| {
+                if monitor.stopped() {
+                    return Found { light: [Vec3::ZERO; COEFFICIENTS], links: Vec::new() };
+                }
+                let key = sequence::key(self.seed, domain, node as u64);
+                let (found, rays) = look_around(&kernel, self.grid.node(node), &directions, key);
+                monitor.add(u64::from(n), rays);
+                found
+            })
+            .collect();
+        if monitor.stopped() {
+            return Err(Error::Interrupted);
+        }
+        let turns: Vec<Quat> =
+            (0..self.grid.len()).map(|node| turn(sequence::key(self.seed, domain, node as u64))).collect();
+        self.grid.light = solve(&found, &turns, &directions, self.fineness.orders.unwrap_or(STEPS));
+        self.pass += 1;
+        Ok(())
+    }
+
+    /// All passes, without a cache.
+    ///
+    /// # Errors
+    ///
+    /// As [`Gathering::pass`].
+    pub fn fill(mut self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<LightGrid, Error> {
+        for _ in PASSES {
+            self.pass(kernel, monitor)?;
+        }
+        Ok(self.grid)
+    }
+}
+
+/// Where nodes lie: around the media, as far as there are surfaces and a little beyond.
+fn bounds(world: &World, media: Option<(Vec3, Vec3)>) -> Option<(Vec3, Vec3)> {
+    let scene = world
+        .triangles()
+        .flatten()
+        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+    let margin = BEYOND * (scene.1 - scene.0).max_element();
+    let (min, max) = match media {
+        Some((min, max)) => (min.max(scene.0 - margin), max.min(scene.1 + margin)),
+        None => scene,
+    };
+    let extent = max - min;
+    (extent.is_finite() && extent.min_element() >= 0.0 && 0.0 < extent.max_element()).then_some((min, max))
+}
+
+/// Nodes lie outside the scene's bounds by this part of its size at most.
+const BEYOND: f32 = 0.25;
+
+/// Directions that cover the sphere evenly: a Fibonacci spiral.
+fn directions(n: u32) -> Vec<Vec3A> {
+    (0..n)
+        .map(|i| {
+            let z = 1.0 - (2.0 * i as f32 + 1.0) / n as f32;
+            let (sin, cos) = (2.0 * PI * (i as f32 * 0.618_034).fract()).sin_cos();
+            let r = (1.0 - z * z).max(0.0).sqrt();
+            Vec3A::new(r * cos, r * sin, z)
+        })
+        .collect()
+}
+
+/// A rotation for a node, each as likely as any other.
+fn turn(key: u64) -> Quat {
+    let [u, v, w, _] = Sequence::new(key, u32::MAX >> 1).next4();
+    let (a, b) = ((1.0 - u).sqrt(), u.sqrt());
+    let ((s, c), (t, d)) = ((2.0 * PI * v).sin_cos(), (2.0 * PI * w).sin_cos());
+    Quat::from_xyzw(a * s, a * c, b * t, b * d)
+}
+
+fn look_around(kernel: &Kernel<'_>, p: Vec3A, directions: &[Vec3A], key: u64) -> (Found, u64) {
+    let turn = turn(key);
+    let from = in_air(p);
+    let mut found = Found { light: [Vec3::ZERO; COEFFICIENTS], links: Vec::with_capacity(directions.len()) };
+    let mut rays = 0;
+    for (i, d) in (0..).zip(directions) {
+        let wi = turn * *d;
+        let mut sequence = Sequence::new(key, i);
+        let mut link = None;
+        let light = kernel.arrives(&from, wi, true, Some(&mut link), &mut sequence, &mut rays);
+        if light.is_finite() {
+            let light = light * (4.0 * PI / directions.len() as f32);
+            for (sum, y) in found.light.iter_mut().zip(harmonics(wi)) {
+                *sum += light * y;
+            }
+        }
+        found.links.push(link);
+    }
+    (found, u64::from(rays))
+}
+
+/// Light at every node from what all of them found: by steps from node to node, with a leap now and then along what changes slowest.
+fn solve(found: &[Found], turns: &[Quat], directions: &[Vec3A], steps: u32) -> Vec<[Rgb; COEFFICIENTS]> {
+    let mut light: Vec<[Rgb; COEFFICIENTS]> = found.iter().map(|f| f.light).collect();
+    let share = 4.0 * PI / directions.len() as f32;
+    let brightness = |l: &[Rgb; COEFFICIENTS]| f64::from(luminance(l[0].abs()));
+    let mut before = f64::INFINITY;
+    for step in 1..=steps {
+        let next: Vec<[Rgb; COEFFICIENTS]> = found
+            .par_iter()
+            .zip(turns)
+            .with_min_len(64)
+            .map(|(f, turn)| {
+                let mut sum = f.light;
+                for (link, d) in f.links.iter().zip(directions) {
+                    let Some(link) = link else { continue };
+                    let wi = *turn * *d;
+                    let arrives =
+                        link.weight * dot(&light[link.node as usize], &scattering(wi, link.g)) * share;
+                    for (sum, y) in sum.iter_mut().zip(harmonics(wi)) {
+                        *sum += arrives * y;
+                    }
+                }
+                sum
+            })
+            .collect();
+        let all: f64 = next.iter().map(brightness).sum();
+        let change: Vec<[Rgb; COEFFICIENTS]> =
+            next.iter().zip(&light).map(|(a, b)| std::array::from_fn(|k| a[k] - b[k])).collect();
+        let size: f64 = change.iter().map(brightness).sum();
+        light = next;
+        if !(0.0 < size && size.is_finite()) {
+            break;
+        }
+        // How fast it converges takes two steps to see.
+        let slowest = if before == f64::INFINITY { 1.0 } else { size / before };
+        before = size;
+        let left = slowest / (1.0 - slowest);
+        if slowest < 1.0 && size * left < SOLVED * all {
+            break;
+        }
+        if step % LEAP == 0 && slowest < 0.999 {
+            #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
+            let left = left as f32;
+            for (l, c) in light.iter_mut().zip(&change) {
+                l.iter_mut().zip(c).for_each(|(l, c)| *l += *c * left);
+            }
+            before = f64::INFINITY;
+        }
+    }
+    light
+}

@@ -1,0 +1,247 @@
+//! Media along a ray: what is left of light, and places in them.
+
+use crate::media::{Coefficients, Media, Segment};
+use crate::sample::warp::Frame;
+use crate::scene::model::Rgb;
+use glam::{Vec3, Vec3A};
+use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, PI};
+
+/// Rays that pass a lamp by less than this part of its distance do not see its airlight.
+const THROUGH_A_LAMP: f32 = 1e-5;
+
+/// The media along a ray.
+pub(crate) struct Air<'a> {
+    pub(crate) media: &'a Media,
+    pub(crate) segments: &'a [Segment],
+    pub(crate) origin: Vec3A,
+    pub(crate) direction: Vec3A,
+}
+
+impl Air<'_> {
+    pub(crate) fn depth(&self, segment: Segment, to: f32) -> Rgb {
+        self.media.depth_within(segment, self.origin, self.direction, to)
+    }
+
+    /// What is left of light along the first `t` metres.
+    pub(crate) fn transmittance(&self, t: f32) -> Rgb {
+        let before = self.segments.iter().filter(|s| s.from < t);
+        (-before.map(|s| self.depth(*s, t.min(s.to))).sum::<Vec3>()).exp()
+    }
+
+    /// The place in a segment up to which one channel's optical depth is `wanted`: Newton's method, kept between ends by
+    /// bisection. In a homogeneous segment the first step is exact.
+    pub(crate) fn place(&self, segment: Segment, channel: usize, wanted: f32) -> f32 {
+        if let Some(t) = self.media.place_in_grid(segment, self.origin, self.direction, channel, wanted) {
+            return t.clamp(segment.from, segment.to);
+        }
+        let (mut low, mut high) = (segment.from, segment.to);
+        let sigma = |t| self.media.coefficients(segment, self.origin, self.direction, t).sigma_t[channel];
+        let mut t = low + wanted / sigma(low);
+        for _ in 0..60 {
+            if !(low < t && t < high) {
+                // Where there is no end yet, twice as far.
+                t = if high.is_finite() {
+                    0.5 * (low + high)
+                } else {
+                    2.0 * low + 1.0 / sigma(low).max(1e-30)
+                };
+            }
+            let off = wanted - self.depth(segment, t)[channel];
+            if off.abs() <= 1e-6 * wanted {
+                break;
+            }
+            if 0.0 < off {
+                low = t
+            } else {
+                high = t
+            }
+            if high - low <= 1e-6 * high {
+                break;
+            }
+            t += off / sigma(t);
+        }
+        t.clamp(segment.from, segment.to)
+    }
+}
+
+/// The media along a ray, of which there may be one and no more, and then everything is in closed form.
+pub(crate) struct Way<'a> {
+    media: &'a Media,
+    origin: Vec3A,
+    direction: Vec3A,
+    plain: Option<(f32, f32, Coefficients)>,
+    segments: Vec<Segment>,
+}
+
+/// A place that free flight found.
+pub(crate) struct Landing {
+    /// Metres along the ray.
+    pub(crate) at: f32,
+    /// sigma_s and what is left of light up to there, over the density of finding it.
+    pub(crate) weight: Rgb,
+    /// Mean cosine there.
+    pub(crate) g: f32,
+}
+
+impl<'a> Way<'a> {
+    /// What a ray's first `length` metres cross; `None` if there is nothing.
+    pub(crate) fn new(media: &'a Media, origin: Vec3A, direction: Vec3A, length: f32) -> Option<Self> {
+        let plain = media.plain(origin, direction, length);
+        let mut segments = Vec::new();
+        match &plain {
+            Some((from, to, _)) if !(from < to) => return None,
+            Some(_) => {}
+            None => {
+                media.segments(origin, direction, length, &mut segments);
+                if segments.is_empty() {
+                    return None;
+                }
+            }
+        }
+        Some(Self { media, origin, direction, plain, segments })
+    }
+
+    fn air(&self) -> Air<'_> {
+        Air { media: self.media, segments: &self.segments, origin: self.origin, direction: self.direction }
+    }
+
+    /// From where to where there may be a medium.
+    pub(crate) fn span(&self) -> (f32, f32) {
+        match self.plain {
+            Some((from, to, _)) => (from, to),
+            None => (self.segments[0].from, self.segments[self.segments.len() - 1].to),
+        }
+    }
+
+    /// Coefficients at a place; `None` where there is no medium.
+    pub(crate) fn coefficients(&self, t: f32) -> Option<Coefficients> {
+        match self.plain {
+            Some((from, to, c)) => (from <= t && t <= to).then_some(c),
+            None => {
+                let segment = self.segments.iter().find(|s| s.from <= t && t <= s.to)?;
+                Some(self.media.coefficients(*segment, self.origin, self.direction, t))
+            }
+        }
+    }
+
+    /// What is left of light along the first `t` metres.
+    pub(crate) fn transmittance(&self, t: f32) -> Rgb {
+        match self.plain {
+            Some((from, _, c)) => left(c.sigma_t, t - from),
+            None => self.air().transmittance(t),
+        }
+    }
+
+    /// A place where light may be scattered towards the ray's origin, by free flight in one of the channels that scatter, none of
+    /// which leaves the media; the weights are those of all of them together (\[Vea97\] eq. 9.8).
+    pub(crate) fn land(&self, u: f32) -> Option<Landing> {
+        match self.plain {
+            Some((from, to, c)) => {
+                let scatters = |k: usize| 0.0 < c.sigma_s[k];
+                let (channel, u) = choose(scatters, u)?;
+                let length = to - from;
+                let gone = |k: usize| -(-c.sigma_t[k] * length).exp_m1();
+                let at = -(-u * gone(channel)).ln_1p() / c.sigma_t[channel];
+                let at = at.min(length);
+                let left = left(c.sigma_t, at);
+                let grey = c.sigma_t.x == c.sigma_t.y && c.sigma_t.y == c.sigma_t.z;
+                let weight = if grey && c.sigma_s.min_element() > 0.0 {
+                    c.sigma_s * (gone(0) / c.sigma_t.x)
+                } else {
+                    let density = |k: usize| if scatters(k) { c.sigma_t[k] * left[k] / gone(k) } else { 0.0 };
+                    let n = (0..3).filter(|&k| scatters(k)).count() as f32;
+                    c.sigma_s * left * (n / (0..3).map(density).sum::<f32>())
+                };
+                Some(Landing { at: from + at, weight, g: c.g }).filter(|l| l.weight.is_finite())
+            }
+            None => self.land_somewhere(u),
+        }
+    }
+
+    fn land_somewhere(&self, u: f32) -> Option<Landing> {
+        let air = self.air();
+        let all: Vec3 = self.segments.iter().map(|s| air.depth(*s, s.to)).sum();
+        let gone = |k: usize| -(-all[k]).exp_m1();
+        let (channel, u) = choose(|k| 0.0 < all[k], u)?;
+        let mut wanted = -(-u * gone(channel)).ln_1p();
+        let mut before = Vec3::ZERO;
+        for (i, &s) in self.segments.iter().enumerate() {
+            let here = air.depth(s, s.to);
+            if wanted < here[channel] || i + 1 == self.segments.len() {
+                let at = air.place(s, channel, wanted.min(here[channel]));
+                let left = (-(before + air.depth(s, at))).exp();
+                let c = self.media.coefficients(s, self.origin, self.direction, at);
+                let density = |k: usize| if 0.0 < all[k] { c.sigma_t[k] * left[k] / gone(k) } else { 0.0 };
+                let n = (0..3).filter(|&k| 0.0 < all[k]).count() as f32;
+                let weight = c.sigma_s * left * (n / (0..3).map(density).sum::<f32>());
+                return Some(Landing { at, weight, g: c.g })
+                    .filter(|l| l.weight.is_finite() && at.is_finite());
+            }
+            wanted -= here[channel];
+            before += here;
+        }
+        None
+    }
+}
+
+/// One of the channels of which something holds, and what is left of the number that chose it.
+fn choose(holds: impl Fn(usize) -> bool, u: f32) -> Option<(usize, f32)> {
+    let n = (0..3).filter(|&k| holds(k)).count();
+    let x = u * n as f32;
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index")]
+    let i = (x as usize).min(n.checked_sub(1)?);
+    (0..3).filter(|&k| holds(k)).nth(i).map(|k| (k, (x - i as f32).min(1.0 - f32::EPSILON)))
+}
+
+fn left(sigma: Rgb, length: f32) -> Rgb {
+    if sigma.x == sigma.y && sigma.y == sigma.z {
+        Vec3::splat((-sigma.x * length).exp())
+    } else {
+        (-sigma * length).exp()
+    }
+}
+
+/// A place between `from` and `to` along a ray, by the angle that it is seen under from a lamp, and its density per metre.
+pub(crate) fn equi_angular(
+    to_lamp: Vec3A,
+    direction: Vec3A,
+    from: f32,
+    to: f32,
+    u: f32,
+) -> Option<(f32, f32)> {
+    let nearest = to_lamp.dot(direction);
+    let aside = (to_lamp - direction * nearest).length();
+    // Where a ray passes a lamp within the rounding of places, its light is anything; what is left out is this part of the lamp's
+    // airlight, which falls with the sine of the angle.
+    if !(THROUGH_A_LAMP * to_lamp.length() < aside && from < to) {
+        return None;
+    }
+    let begin = ((from - nearest) / aside).atan();
+    let end = if to.is_finite() { ((to - nearest) / aside).atan() } else { FRAC_PI_2 };
+    let x = aside * (begin + (end - begin) * u).tan();
+    let pdf = aside / ((end - begin) * (aside * aside + x * x));
+    let t = (nearest + x).clamp(from, to);
+    (0.0 < pdf && pdf.is_finite() && t.is_finite()).then_some((t, pdf))
+}
+
+/// Henyey-Greenstein phase function, per steradian; `x` is the cosine between the directions of travel.
+pub(crate) fn henyey_greenstein(g: f32, x: f32) -> f32 {
+    let d = (1.0 - g) * (1.0 - g) + 2.0 * g * (1.0 - x).max(0.0);
+    0.25 * FRAC_1_PI * (1.0 - g * g) / (d * d.sqrt())
+}
+
+/// A direction of travel after scattering, by the phase function; seen from the receiver backwards, which is the same.
+pub(crate) fn henyey_greenstein_direction(direction: Vec3A, g: f32, u: [f32; 2]) -> Vec3A {
+    let cos = if g.abs() < 1e-3 {
+        // To first order in g, where the closed form cancels.
+        let x = 2.0 * u[0] - 1.0;
+        x + 1.5 * g * (1.0 - x * x)
+    } else {
+        let q = (1.0 - g * g) / (1.0 - g + 2.0 * g * u[0]);
+        (1.0 + g * g - q * q) / (2.0 * g)
+    }
+    .clamp(-1.0, 1.0);
+    let sin = (1.0 - cos * cos).sqrt();
+    let (y, x) = (2.0 * PI * u[1]).sin_cos();
+    Frame::new(direction).to_world(Vec3A::new(sin * x, sin * y, cos))
+}

@@ -1,0 +1,387 @@
+//! Light that media scatter towards a ray: the rung `bounded`.
+//!
+//! Along every ray one place is found by free flight, where the light grid says what arrives ([`super::light_grid`]) and suns are looked at;
+//! and one by equi-angular sampling (\[KF12\]) towards one of the lamps and emissive surfaces, chosen by what it would bring if nothing were
+//! in the way. Whether a light is seen from there the cell of the grid mostly knows, all of its nodes being of one opinion; where they are
+//! not, a ray asks, and elsewhere one does now and then, with the difference weighed up, so that light which is scattered
+//! once has the right mean however coarse the grid is. What is left is the grid's error in light that was reflected
+//! or scattered before.
+
+use crate::geom::Ray;
+use crate::geom::ray::offset_distance;
+use crate::geom::world::luminance;
+use crate::light::emitters::Group;
+use crate::light::punctual::Incident;
+use crate::media::Media;
+use crate::sample::Sequence;
+use crate::scene::model::Rgb;
+use crate::transport::air::{Way, equi_angular, henyey_greenstein, henyey_greenstein_direction};
+use crate::transport::direct::Part;
+use crate::transport::light_grid::{Inside, LightGrid, Seen, dot, scattering};
+use crate::transport::path::{Kernel, Stage, Vertex};
+use glam::{Vec3, Vec3A};
+
+/// Share of places at which a ray asks what the cell believes to know.
+const DOUBT: f32 = 1.0 / 16.0;
+
+/// Where a ray of a node ends in the grid: the light that this node gets from another one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Link {
+    /// The other node.
+    pub(crate) node: u32,
+    /// What of its light is scattered.
+    pub(crate) weight: Rgb,
+    /// Mean cosine.
+    pub(crate) g: f32,
+}
+
+/// A lamp or an emissive surface, as media see it.
+enum Lamp<'a> {
+    Punctual(usize),
+    Group(usize, &'a Group),
+}
+
+impl Kernel<'_> {
+    /// Lamps and emissive surfaces, and behind them suns: the numbers by which the grid's cells know them.
+    pub(crate) fn air_lights(&self) -> usize {
+        let l = self.lights;
+        l.punctual.len() + l.emitters.groups().len() + l.suns.len()
+    }
+
+    /// Whether a light of a number is seen from a place, for the grid: by one ray, emissive surfaces by four.
+    pub(crate) fn looks(&self, p: Vec3A, light: usize, sequence: &mut Sequence) -> Seen {
+        let l = self.lights;
+        let groups = l.emitters.groups();
+        let mut seen = [false; 3];
+        let mut ask = |wi: Vec3A, distance: f32| {
+            let left = self.unblocked(&in_air(p), wi, distance, &mut 0);
+            let k = if left == Vec3::ONE {
+                1
+            } else if left == Vec3::ZERO {
+                0
+            } else {
+                2
+            };
+            seen[k] = true;
+        };
+        if light < l.punctual.len() {
+            let d = l.punctual[light].position() - p;
+            ask(d.normalize_or_zero(), reach(p, d));
+        } else if light < l.punctual.len() + groups.len() {
+            let group = &groups[light - l.punctual.len()];
+            for _ in 0..4 {
+                let [a, b, c, _] = sequence.next4();
+                let at = l.emitters.sample_group(group, a, [b, c]);
+                let d = at.position - p;
+                ask(d.normalize_or_zero(), d.length() - 2.0 * self.world.point(at.triangle, at.bary).offset);
+            }
+        } else {
+            let [a, b, _, _] = sequence.next4();
+            ask(l.suns[light - l.punctual.len() - groups.len()].sample([a, b]).wi, f32::INFINITY);
+        }
+        match seen {
+            [true, false, false] => Seen::Nowhere,
+            [false, true, false] => Seen::Everywhere,
+            _ => Seen::Perhaps,
+        }
+    }
+
+    /// Radiance that media scatter into the first `length` metres of a ray, towards its origin, nits. With `link` the light that the
+    /// grid holds is left out and said there instead.
+    pub(crate) fn airlight(
+        &self,
+        (media, grid): (&Media, &LightGrid),
+        (origin, direction, length): (Vec3A, Vec3A, f32),
+        link: Option<&mut Option<Link>>,
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Rgb {
+        let Some(way) = Way::new(media, origin, direction, length) else { return Vec3::ZERO };
+        let mut sum = Vec3::ZERO;
+        let [a, b, c, d] = sequence.next4();
+        if let Some(landing) = way.land(a) {
+            let p = origin + direction * landing.at;
+            let at = grid.inside(p);
+            let arrives = match (self.node(grid, p, at, [b, c, d], rays), link) {
+                (Some(node), None) => dot(grid.light(node), &scattering(direction, landing.g)),
+                #[expect(clippy::cast_possible_truncation, reason = "fewer nodes than 2^32")]
+                (Some(node), Some(link)) => {
+                    *link = Some(Link { node: node as u32, weight: landing.weight, g: landing.g });
+                    Vec3::ZERO
+                }
+                (None, _) => {
+                    // No node sees the place: a corner or a corridor finer than the grid.
+                    let wi = henyey_greenstein_direction(direction, landing.g, [b, c]);
+                    self.arrives(&in_air(p), wi, false, None, sequence, rays)
+                }
+            };
+            sum += landing.weight
+                * (arrives + self.suns_in_air((media, grid), p, at, direction, landing.g, sequence, rays));
+        }
+        sum + self.lamp_in_air((media, grid), &way, origin, direction, sequence, rays)
+    }
+
+    /// One of the nodes around a place that see it, each as likely as trilinear interpolation weighs it.
+    fn node(&self, grid: &LightGrid, p: Vec3A, at: Inside, u: [f32; 3], rays: &mut u32) -> Option<usize> {
+        let end = |k: usize| usize::from(u[k] < at.part[k]);
+        let corner = end(0) | end(1) << 1 | end(2) << 2;
+        let first = grid.corner(at, corner);
+        if !grid.is_occupied(at.cell) {
+            return Some(first);
+        }
+        let mut sees = |node: usize| {
+            let d = grid.node(node) - p;
+            let t_max = d.length();
+            *rays += 1;
+            !self.blocked(&Ray { origin: p, direction: d / t_max.max(1e-30), t_max })
+        };
+        if sees(first) {
+            return Some(first);
+        }
+        let mut weights: [f32; 8] = std::array::from_fn(|k| {
+            let side = |axis: usize| if k >> axis & 1 == 1 { at.part[axis] } else { 1.0 - at.part[axis] };
+            side(0) * side(1) * side(2)
+        });
+        weights[corner] = 0.0;
+        // A number that the first choice has left.
+        let mut v = (u[0] * 7.0 + u[1] * 5.0 + u[2] * 3.0).fract();
+        for _ in 0..7 {
+            let total: f32 = weights.iter().sum();
+            if total <= 0.0 {
+                return None;
+            }
+            let mut rest = v * total;
+            let k = weights
+                .iter()
+                .position(|w| {
+                    rest -= w;
+                    rest < 0.0
+                })
+                .unwrap_or(7);
+            let node = grid.corner(at, k);
+            if 0.0 < weights[k] && sees(node) {
+                return Some(node);
+            }
+            weights[k] = 0.0;
+            v = (v * 9.0 + 0.618_034).fract();
+        }
+        None
+    }
+
+    /// How much of a light's rays gets to a place: by what the grid knows, by a ray where it does not, and by one now and then where it does.
+    fn seen(&self, grid: &LightGrid, at: Inside, light: usize, coin: f32, ask: impl FnOnce() -> Rgb) -> Rgb {
+        let known = match grid.seen(at.cell, light) {
+            Seen::Perhaps => return ask(),
+            Seen::Everywhere => Vec3::ONE,
+            Seen::Nowhere => Vec3::ZERO,
+        };
+        if coin < DOUBT { known + (ask() - known) / DOUBT } else { known }
+    }
+
+    /// Light of suns that a place scatters along `direction`, per unit of sigma_s.
+    fn suns_in_air(
+        &self,
+        (media, grid): (&Media, &LightGrid),
+        p: Vec3A,
+        at: Inside,
+        direction: Vec3A,
+        g: f32,
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Rgb {
+        let suns = &self.lights.suns;
+        if suns.is_empty() {
+            return Vec3::ZERO;
+        }
+        let first = self.lights.punctual.len() + self.lights.emitters.groups().len();
+        let [a, b, c, _] = sequence.next4();
+        let mut sum = Vec3::ZERO;
+        for (i, sun) in suns.iter().enumerate() {
+            let shift = i as f32 * 0.618_034;
+            let light = sun.sample([(a + shift).fract(), (b + 2.0 * shift).fract()]);
+            let left = self.seen(grid, at, first + i, (c + shift).fract(), || {
+                self.unblocked(&in_air(p), light.wi, f32::INFINITY, rays)
+            });
+            if left != Vec3::ZERO {
+                let phase = henyey_greenstein(g, light.wi.dot(direction));
+                sum += light.illuminance * left * media.transmittance(p, light.wi, f32::INFINITY) * phase;
+            }
+        }
+        sum
+    }
+
+    /// Light of one lamp or emissive surface that is scattered into a ray.
+    fn lamp_in_air(
+        &self,
+        (media, grid): (&Media, &LightGrid),
+        way: &Way<'_>,
+        origin: Vec3A,
+        direction: Vec3A,
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Rgb {
+        let (lamps, groups) = (&self.lights.punctual, self.lights.emitters.groups());
+        if lamps.is_empty() && groups.is_empty() {
+            return Vec3::ZERO;
+        }
+        let (from, to) = way.span();
+        let [a, b, c, d] = sequence.next4();
+        let weigh = |i: usize| -> f32 {
+            if i < lamps.len() {
+                let Some((from, to)) = lamps[i].lit_part(origin, direction, from, to) else { return 0.0 };
+                luminance(lamps[i].intensity()) * view(lamps[i].position() - origin, direction, from, to, 0.0)
+            } else {
+                let group = &groups[i - lamps.len()];
+                group.intensity * view(group.centre - origin, direction, from, to, group.radius)
+            }
+        };
+        let n = lamps.len() + groups.len();
+        let (i, chance) = if n == 1 {
+            (0, 1.0)
+        } else {
+            let total: f32 = (0..n).map(weigh).sum();
+            if !(0.0 < total && total.is_finite()) {
+                return Vec3::ZERO;
+            }
+            let mut rest = a * total;
+            let mut chosen = (0, 0.0);
+            for i in 0..n {
+                let w = weigh(i);
+                if 0.0 < w {
+                    chosen = (i, w / total);
+                    rest -= w;
+                    if rest < 0.0 {
+                        break;
+                    }
+                }
+            }
+            chosen
+        };
+        if chance <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let lamp = if i < lamps.len() { Lamp::Punctual(i) } else { Lamp::Group(i, &groups[i - lamps.len()]) };
+        self.scattered_once((media, grid), way, (origin, direction), &lamp, [b, c, d], sequence, rays)
+            / chance
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "a ray, its media, a light and numbers")]
+    fn scattered_once(
+        &self,
+        (media, grid): (&Media, &LightGrid),
+        way: &Way<'_>,
+        (origin, direction): (Vec3A, Vec3A),
+        lamp: &Lamp<'_>,
+        [u, coin, v]: [f32; 3],
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Rgb {
+        let (from, to) = way.span();
+        // Light at a place, the number of the lamp, and how far rays may go that ask for it.
+        let (index, place, light, distance) = match lamp {
+            Lamp::Punctual(i) => {
+                let lamp = &self.lights.punctual[*i];
+                let Some((from, to)) = lamp.lit_part(origin, direction, from, to) else { return Vec3::ZERO };
+                let place = equi_angular(lamp.position() - origin, direction, from, to, u);
+                let Some((t, _)) = place else { return Vec3::ZERO };
+                let p = origin + direction * t;
+                let Some(light) = lamp.incident(p) else { return Vec3::ZERO };
+                (*i, place, light, reach(p, light.wi * light.distance))
+            }
+            Lamp::Group(i, group) => {
+                let [e, f, _, _] = sequence.next4();
+                let at = self.lights.emitters.sample_group(group, v, [e, f]);
+                let place = equi_angular(at.position - origin, direction, from, to, u);
+                let Some((t, _)) = place else { return Vec3::ZERO };
+                let d = at.position - (origin + direction * t);
+                let distance = d.length();
+                let wi = d / distance;
+                let cos = -wi.dot(at.normal);
+                let cos = if at.both_sides { cos.abs() } else { cos };
+                if !(0.0 < cos && wi.is_finite()) {
+                    return Vec3::ZERO;
+                }
+                let emission = self.world.shade(self.scene, at.triangle, at.bary).emission;
+                let illuminance = emission * (cos / (distance * distance * at.pdf));
+                let offset = self.world.point(at.triangle, at.bary).offset;
+                (*i, place, Incident { wi, distance, illuminance }, distance - 2.0 * offset)
+            }
+        };
+        let Some((t, pdf)) = place else { return Vec3::ZERO };
+        let Some(here) = way.coefficients(t) else { return Vec3::ZERO };
+        let p = origin + direction * t;
+        let left = self
+            .seen(grid, grid.inside(p), index, coin, || self.unblocked(&in_air(p), light.wi, distance, rays));
+        if left == Vec3::ZERO {
+            return Vec3::ZERO;
+        }
+        let phase = henyey_greenstein(here.g, light.wi.dot(direction));
+        let through = way.transmittance(t) * media.transmittance(p, light.wi, light.distance);
+        light.illuminance * left * through * here.sigma_s * (phase / pdf)
+    }
+
+    /// Radiance that arrives at a place in the air from `wi`, but for what suns, lamps and emitters bring straight away. Without `air` nothing that
+    /// media scatter on the way to the first surface.
+    pub(crate) fn arrives(
+        &self,
+        from: &Vertex,
+        wi: Vec3A,
+        air: bool,
+        link: Option<&mut Option<Link>>,
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Rgb {
+        let kernel = if air { *self } else { Kernel { grid: None, ..*self } };
+        let leg = kernel.follow_in_air(from, wi, link, sequence, rays);
+        let mut sum = leg.emitted + leg.airlight;
+        if let Some((next, reflectance)) = leg.next {
+            let light = match self.cache.and_then(|cache| cache.lookup(&next)) {
+                Some(cached) => cached + self.direct(&next, Part::Small, false, None, sequence, rays).small,
+                None => {
+                    let [a, b, _, _] = sequence.next4();
+                    let path = self.walk_surfaces(&next, [a, b], Part::All, Stage::Branch(1), sequence);
+                    *rays += path.rays;
+                    path.direct + path.indirect
+                }
+            };
+            sum += reflectance * leg.rest * light;
+        }
+        sum
+    }
+}
+
+/// A place that is not on a surface.
+pub(crate) fn in_air(p: Vec3A) -> Vertex {
+    Vertex {
+        position: p,
+        geometric_normal: Vec3A::ZERO,
+        shading_normal: Vec3A::ZERO,
+        offset: 0.0,
+        open: false,
+        detached: true,
+    }
+}
+
+/// How far a ray to a lamp at `p + d` may go without meeting what the lamp lies on.
+fn reach(p: Vec3A, d: Vec3A) -> f32 {
+    d.length() - offset_distance((p + d).abs().max_element())
+}
+
+/// What a lamp of 1 cd would scatter into a part of a ray but for constants, if nothing were in the way: the angle that it is seen under over how far
+/// aside the lamp lies, 1/m; no nearer than `radius`.
+fn view(to_lamp: Vec3A, direction: Vec3A, from: f32, to: f32, radius: f32) -> f32 {
+    let nearest = to_lamp.dot(direction);
+    let aside2 = (to_lamp.length_squared() - nearest * nearest)
+        .max(radius * radius)
+        .max(1e-12 * to_lamp.length_squared());
+    let aside = aside2.sqrt();
+    let (a, b) = (from - nearest, if to.is_finite() { to - nearest } else { 1e6 * aside });
+    // The angle between the ways from the lamp to both ends.
+    let cos = (aside2 + a * b) / ((aside2 + a * a) * (aside2 + b * b)).sqrt();
+    let x = cos.abs().min(1.0);
+    // Abramowitz and Stegun 4.4.45: within 7e-5 of the arc cosine.
+    let acos = (1.0 - x).sqrt() * (1.570_728_8 + x * (-0.212_114_4 + x * (0.074_261 - 0.018_729_3 * x)));
+    let angle = if cos < 0.0 { std::f32::consts::PI - acos } else { acos };
+    // Never 0 where there is light.
+    angle.max(1e-6 * (b - a) / (aside + a.abs())) / aside
+}
