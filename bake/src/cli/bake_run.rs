@@ -243,11 +243,12 @@ impl Job<'_> {
         let settings = self.plan.settings();
         let fineness = settings.light_grid().filter(|_| kernel.media.is_some());
         let mut air = fineness.and_then(|f| Gathering::new(kernel, f, settings.seed));
-        let paths = air.as_ref().map_or(0, Gathering::paths);
+        let paths = air.as_ref().map_or(0, |air| air.paths(settings.caches()));
         if !settings.caches() {
-            let Some(air) = air else { return Ok((None, None)) };
+            let Some(mut air) = air else { return Ok((None, None)) };
             return say::watch(self.style, "light in media", paths, monitor, self.interrupt, || {
-                air.fill(kernel, monitor).map(|grid| (None, Some(grid)))
+                air.finish(kernel, monitor)?;
+                Ok((None, Some(air.grid)))
             });
         }
         let cells = cells(self.plan, kernel);

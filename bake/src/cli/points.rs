@@ -56,11 +56,12 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
     let air = air.and_then(|f| pool.install(|| Gathering::new(&kernel, f, seed)));
     let grid = match air {
         None => None,
-        Some(air) => {
-            let paths = air.paths();
-            Some(say::watch(style, "light in media", paths, &Monitor::default(), interrupt, || {
-                pool.install(|| air.fill(&kernel, &monitor))
-            })?)
+        Some(mut air) => {
+            let paths = air.paths(false);
+            say::watch(style, "light in media", paths, &Monitor::default(), interrupt, || {
+                pool.install(|| air.finish(&kernel, &monitor))
+            })?;
+            Some(air.grid)
         }
     };
     let kernel = Kernel { grid: grid.as_ref(), ..kernel };

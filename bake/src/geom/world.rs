@@ -227,7 +227,7 @@ const STEPS: f32 = 32767.0;
 /// A unit vector as two components of 16 bits on the octahedron, at most 7e-5 radians off (\[CDE14\] Cigolle,
 /// Donow, Evangelakos, Mara, McGuire and Meyer, "A Survey of Efficient Representations for Independent Unit
 /// Vectors", JCGT 3(2), section 3). Zero becomes +z.
-fn pack(n: Vec3A) -> u32 {
+pub(crate) fn pack(n: Vec3A) -> u32 {
     let n = n / n.abs().element_sum().max(f32::MIN_POSITIVE);
     let p = if n.z < 0.0 { fold(n.x, n.y) } else { [n.x, n.y] };
     #[expect(
@@ -241,7 +241,7 @@ fn pack(n: Vec3A) -> u32 {
 
 /// The vector that [`pack`] got.
 #[expect(clippy::cast_possible_truncation, reason = "16 bits as they are")]
-fn unpack(packed: u32) -> Vec3A {
+pub(crate) fn unpack(packed: u32) -> Vec3A {
     let [x, y] = [packed as i16, (packed >> 16) as i16].map(|v| f32::from(v) / STEPS);
     let z = 1.0 - x.abs() - y.abs();
     let [x, y] = if z < 0.0 { fold(x, y) } else { [x, y] };

@@ -110,8 +110,8 @@ impl Cells {
         for (pass, part) in PASSES.iter().enumerate() {
             let n = self.pass(*part);
             let kernel = Kernel { cache: (0 < pass).then_some(&cache), ..*kernel };
-            if let Some(air) = air.as_deref_mut() {
-                air.pass(&kernel, monitor)?;
+            if let Some(air) = air.as_deref_mut().filter(|_| pass == 0) {
+                air.prepare(&kernel, monitor)?;
             }
             let kernel = Kernel { grid: air.as_deref().map(|air| &air.grid), ..kernel };
             let mut values = vec![Vec3::ZERO; self.points.len()];
@@ -130,7 +130,7 @@ impl Cells {
             cache.replace(&values);
         }
         if let Some(air) = air {
-            air.pass(&Kernel { cache: Some(&cache), ..*kernel }, monitor)?;
+            air.finish(&Kernel { cache: Some(&cache), ..*kernel }, monitor)?;
         }
         if monitor.stopped() { Err(Error::Interrupted) } else { Ok(cache) }
     }

@@ -1,19 +1,19 @@
 //! Fills the light grid of media ([`crate::transport::light_grid`]).
 //!
-//! Every node looks around by a few rays. What they find at surfaces and what media scatter once on the way is taken at once; where light was
-//! scattered before, a ray ends at another node, and only that node and its weight are kept. These links are a system of linear equations, whose
-//! solution has every order of scattering without another ray. Gathering it again with what surfaces made of it in between, the exchange
-//! between surfaces and media converges as the irradiance cache does, pass by pass.
+//! Every node looks around by a few paths. What these bring of lights, by way of surfaces and scattered once, is taken at once; where light was
+//! scattered before, a path reaches into the grid, and only one such node, the direction and its weight are kept. These links are a system of
+//! linear equations, whose solution has every order of scattering and every exchange with surfaces without another ray. Where there is an
+//! irradiance cache, the grid is gathered twice: by whole paths before, so that the cache has the light of media, and with its help.
 
 use crate::error::Error;
 use crate::geom::World;
-use crate::geom::world::luminance;
+use crate::geom::world::{luminance, unpack};
 use crate::plan::settings::Fineness;
 use crate::sample::{Sequence, sequence};
 use crate::scene::model::Rgb;
 use crate::solve::Monitor;
 use crate::transport::Kernel;
-use crate::transport::airlight::{Link, in_air};
+use crate::transport::airlight::{Link, Links, in_air};
 use crate::transport::light_grid::{COEFFICIENTS, LightGrid, Seen, dot, harmonics, scattering};
 use glam::{Quat, Vec3, Vec3A};
 use rayon::prelude::*;
@@ -22,8 +22,8 @@ use std::f32::consts::PI;
 /// Random numbers of the grid belong to this domain; see [`sequence::key`].
 const DOMAIN: u64 = 0x4c47;
 
-/// Rays of each node in each pass, as parts of those of the last one. The first is for the media in what surfaces reflect.
-pub const PASSES: [f32; 8] = [0.25, 0.25, 0.25, 0.25, 0.25, 0.25, 0.5, 1.0];
+/// Rays of each node in the first pass, as a part of those of the second one.
+const FIRST: f32 = 0.5;
 
 /// What is still missing when the equations count as solved, as a part of the mean.
 const SOLVED: f64 = 2e-4;
@@ -41,7 +41,7 @@ pub struct Gathering {
     pub grid: LightGrid,
     fineness: Fineness,
     seed: u64,
-    pass: usize,
+    pass: u32,
 }
 
 /// What a node found.
@@ -70,27 +70,39 @@ impl Gathering {
         Some(Self { grid, fineness, seed, pass: 0 })
     }
 
-    /// Paths that all passes take.
+    /// Paths that are taken in all, by way of a cache or without one.
     #[must_use]
-    pub fn paths(&self) -> u64 {
-        let each: u32 = PASSES.iter().map(|p| self.rays(*p)).sum();
+    pub fn paths(&self, cached: bool) -> u64 {
+        let each = self.fineness.rays + if cached { self.first() } else { 0 };
         self.grid.len() as u64 * u64::from(each)
     }
 
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of rays")]
-    fn rays(&self, part: f32) -> u32 {
-        ((self.fineness.rays as f32 * part) as u32).max(8)
+    fn first(&self) -> u32 {
+        ((self.fineness.rays as f32 * FIRST) as u32).max(8)
     }
 
-    /// Gathers once more, with what surfaces and the grid had before.
+    /// Gathers by whole paths, as many rays as an irradiance cache that is gathered with its help needs.
     ///
     /// # Errors
     ///
     /// [`Error::Interrupted`] when the monitor asks to stop.
-    pub fn pass(&mut self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<(), Error> {
-        let n = self.rays(PASSES[self.pass.min(PASSES.len() - 1)]);
+    pub fn prepare(&mut self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<(), Error> {
+        self.gather(kernel, self.first(), monitor)
+    }
+
+    /// Gathers by all rays: by whole paths, or with the help of an irradiance cache.
+    ///
+    /// # Errors
+    ///
+    /// As [`Gathering::prepare`].
+    pub fn finish(&mut self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<(), Error> {
+        self.gather(kernel, self.fineness.rays, monitor)
+    }
+
+    fn gather(&mut self, kernel: &Kernel<'_>, n: u32, monitor: &Monitor) -> Result<(), Error> {
         let directions = directions(n);
-        let domain = DOMAIN + self.pass as u64;
+        let domain = DOMAIN + u64::from(self.pass);
         let kernel = Kernel { grid: Some(&self.grid), ..*kernel };
         let found: Vec<Found> = (0..self.grid.len())
             .into_par_iter()
@@ -113,18 +125,6 @@ impl Gathering {
         self.grid.light = solve(&found, &turns, &directions, self.fineness.orders.unwrap_or(STEPS));
         self.pass += 1;
         Ok(())
-    }
-
-    /// All passes, without a cache.
-    ///
-    /// # Errors
-    ///
-    /// As [`Gathering::pass`].
-    pub fn fill(mut self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<LightGrid, Error> {
-        for _ in PASSES {
-            self.pass(kernel, monitor)?;
-        }
-        Ok(self.grid)
     }
 }
 
@@ -174,15 +174,15 @@ fn look_around(kernel: &Kernel<'_>, p: Vec3A, directions: &[Vec3A], key: u64) ->
     for (i, d) in (0..).zip(directions) {
         let wi = turn * *d;
         let mut sequence = Sequence::new(key, i);
-        let mut link = None;
-        let light = kernel.arrives(&from, wi, true, Some(&mut link), &mut sequence, &mut rays);
+        let mut links = Links::new();
+        let light = kernel.arrives(&from, wi, true, Some(&mut links), &mut sequence, &mut rays);
         if light.is_finite() {
             let light = light * (4.0 * PI / directions.len() as f32);
             for (sum, y) in found.light.iter_mut().zip(harmonics(wi)) {
                 *sum += light * y;
             }
         }
-        found.links.push(link);
+        found.links.push(links.chosen());
     }
     (found, u64::from(rays))
 }
@@ -203,8 +203,8 @@ fn solve(found: &[Found], turns: &[Quat], directions: &[Vec3A], steps: u32) -> V
                 for (link, d) in f.links.iter().zip(directions) {
                     let Some(link) = link else { continue };
                     let wi = *turn * *d;
-                    let arrives =
-                        link.weight * dot(&light[link.node as usize], &scattering(wi, link.g)) * share;
+                    let scattered = scattering(unpack(link.direction), link.g);
+                    let arrives = link.weight * dot(&light[link.node as usize], &scattered) * share;
                     for (sum, y) in sum.iter_mut().zip(harmonics(wi)) {
                         *sum += arrives * y;
                     }

@@ -9,7 +9,7 @@
 
 use crate::geom::Ray;
 use crate::geom::ray::offset_distance;
-use crate::geom::world::luminance;
+use crate::geom::world::{luminance, pack};
 use crate::light::emitters::Group;
 use crate::light::punctual::Incident;
 use crate::media::Media;
@@ -24,15 +24,48 @@ use glam::{Vec3, Vec3A};
 /// Share of places at which a ray asks what the cell believes to know.
 const DOUBT: f32 = 1.0 / 16.0;
 
-/// Where a ray of a node ends in the grid: the light that this node gets from another one.
+/// Where a path from a node reaches into the grid: light that this node gets from another one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Link {
     /// The other node.
     pub(crate) node: u32,
-    /// What of its light is scattered.
+    /// Direction of the ray that its light is scattered into, as [`pack`] has it.
+    pub(crate) direction: u32,
+    /// How much of that arrives.
     pub(crate) weight: Rgb,
     /// Mean cosine.
     pub(crate) g: f32,
+}
+
+/// One of the links of a path, each chosen as often as it weighs.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Links {
+    /// What of the light at the path's present vertex arrives.
+    pub(crate) throughput: Rgb,
+    chosen: Option<Link>,
+    total: f32,
+}
+
+impl Links {
+    pub(crate) fn new() -> Self {
+        Self { throughput: Vec3::ONE, chosen: None, total: 0.0 }
+    }
+
+    fn offer(&mut self, link: Link, u: f32) {
+        let weight = link.weight.max_element();
+        if 0.0 < weight && weight.is_finite() {
+            self.total += weight;
+            if u * self.total < weight {
+                self.chosen = Some(link);
+            }
+        }
+    }
+
+    /// The link that stands for all of them.
+    pub(crate) fn chosen(&self) -> Option<Link> {
+        self.chosen
+            .map(|link| Link { weight: link.weight * (self.total / link.weight.max_element()), ..link })
+    }
 }
 
 /// A lamp or an emissive surface, as media see it.
@@ -86,13 +119,13 @@ impl Kernel<'_> {
         }
     }
 
-    /// Radiance that media scatter into the first `length` metres of a ray, towards its origin, nits. With `link` the light that the
-    /// grid holds is left out and said there instead.
+    /// Radiance that media scatter into the first `length` metres of a ray, towards its origin, nits. With `links` the light that the
+    /// grid holds is left out and said there instead, by what of it arrives along a path that has come so far.
     pub(crate) fn airlight(
         &self,
         (media, grid): (&Media, &LightGrid),
         (origin, direction, length): (Vec3A, Vec3A, f32),
-        link: Option<&mut Option<Link>>,
+        links: Option<(&mut Links, Rgb)>,
         sequence: &mut Sequence,
         rays: &mut u32,
     ) -> Rgb {
@@ -102,11 +135,13 @@ impl Kernel<'_> {
         if let Some(landing) = way.land(a) {
             let p = origin + direction * landing.at;
             let at = grid.inside(p);
-            let arrives = match (self.node(grid, p, at, [b, c, d], rays), link) {
+            let arrives = match (self.node(grid, p, at, [b, c, d], rays), links) {
                 (Some(node), None) => dot(grid.light(node), &scattering(direction, landing.g)),
                 #[expect(clippy::cast_possible_truncation, reason = "fewer nodes than 2^32")]
-                (Some(node), Some(link)) => {
-                    *link = Some(Link { node: node as u32, weight: landing.weight, g: landing.g });
+                (Some(node), Some((links, so_far))) => {
+                    let weight = so_far * landing.weight;
+                    let link = Link { node: node as u32, direction: pack(direction), weight, g: landing.g };
+                    links.offer(link, sequence.coin());
                     Vec3::ZERO
                 }
                 (None, _) => {
@@ -327,19 +362,23 @@ impl Kernel<'_> {
         from: &Vertex,
         wi: Vec3A,
         air: bool,
-        link: Option<&mut Option<Link>>,
+        mut links: Option<&mut Links>,
         sequence: &mut Sequence,
         rays: &mut u32,
     ) -> Rgb {
         let kernel = if air { *self } else { Kernel { grid: None, ..*self } };
-        let leg = kernel.follow_in_air(from, wi, link, sequence, rays);
+        let leg = kernel.follow_in_air(from, wi, links.as_deref_mut(), sequence, rays);
         let mut sum = leg.emitted + leg.airlight;
         if let Some((next, reflectance)) = leg.next {
             let light = match self.cache.and_then(|cache| cache.lookup(&next)) {
                 Some(cached) => cached + self.direct(&next, Part::Small, false, None, sequence, rays).small,
                 None => {
                     let [a, b, _, _] = sequence.next4();
-                    let path = self.walk_surfaces(&next, [a, b], Part::All, Stage::Branch(1), sequence);
+                    if let Some(links) = links.as_deref_mut() {
+                        links.throughput = reflectance * leg.rest;
+                    }
+                    let path =
+                        self.walk_surfaces(&next, [a, b], Part::All, Stage::Branch(1), links, sequence);
                     *rays += path.rays;
                     path.direct + path.indirect
                 }

@@ -207,7 +207,7 @@ impl Kernel<'_> {
             Some(cached) => cached,
             None => {
                 let stage = Stage::Branch(depth + 1);
-                let path = self.walk_surfaces(&place, [g, h], Part::Area, stage, sequence);
+                let path = self.walk_surfaces(&place, [g, h], Part::Area, stage, None, sequence);
                 *rays += path.rays;
                 path.direct + path.indirect
             }

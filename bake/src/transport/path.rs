@@ -13,7 +13,7 @@ use crate::plan::{MediaMode, Tracing};
 use crate::sample::Sequence;
 use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
 use crate::scene::model::{Rgb, Scene};
-use crate::transport::airlight::Link;
+use crate::transport::airlight::Links;
 use crate::transport::cache::IrradianceCache;
 use crate::transport::connect::{Arrival, LightVertex};
 use crate::transport::direct::Part;
@@ -223,7 +223,7 @@ impl Kernel<'_> {
         {
             return self.walk_media(media, start, u, part, sequence);
         }
-        self.walk_surfaces(start, u, part, Stage::Whole, sequence)
+        self.walk_surfaces(start, u, part, Stage::Whole, None, sequence)
     }
 
     /// A path whose legs lead from surface to surface.
@@ -233,8 +233,11 @@ impl Kernel<'_> {
         u: [f32; 2],
         part: Part,
         stage: Stage,
+        mut links: Option<&mut Links>,
         sequence: &mut Sequence,
     ) -> Estimate {
+        // What of the light at the first vertex arrives where links are asked for.
+        let arrives = links.as_deref().map_or(Vec3::ONE, |l| l.throughput);
         let mut out = Estimate::default();
         let mut vertex = *start;
         let mut throughput = Vec3::ONE;
@@ -260,7 +263,10 @@ impl Kernel<'_> {
                 out.indirect += throughput * self.by_area(responses, &vertex, depth, sequence, &mut out.rays);
             }
             let wi = Frame::new(vertex.shading_normal).to_world(square_to_cos_hemisphere(turn));
-            let leg = self.follow(&vertex, wi, by_area, sequence, &mut out.rays);
+            if let Some(links) = links.as_deref_mut() {
+                links.throughput = arrives * throughput;
+            }
+            let leg = self.follow(&vertex, wi, by_area, links.as_deref_mut(), sequence, &mut out.rays);
             out.indirect += throughput * leg.airlight;
             if depth == 0 {
                 out.direct = direct.small + direct.area + leg.emitted;
@@ -325,37 +331,38 @@ impl Kernel<'_> {
     }
 
     /// Follows a ray through whatever lets light pass, to the next reflection or the sky. `by_area` says that [`Kernel::by_area`]
-    /// may find its end as well.
+    /// may find its end as well. With `links` the grid's
+    /// light is left out and said there.
     fn follow(
         &self,
         from: &Vertex,
         wi: Vec3A,
         by_area: Option<&Responses>,
+        links: Option<&mut Links>,
         sequence: &mut Sequence,
         rays: &mut u32,
     ) -> Leg {
         let pdf = cos_hemisphere_pdf(wi.dot(from.shading_normal));
-        self.follow_on::<true>((from, wi, pdf), by_area, None, sequence, rays)
+        self.follow_on::<true>((from, wi, pdf), by_area, links, sequence, rays)
     }
 
-    /// As [`Kernel::follow`] from a place in the air, whose rays alone find the sky, and do not count emitters. With `link` the first part of the
-    /// way has no light of the grid.
+    /// As [`Kernel::follow`] from a place in the air, whose rays alone find the sky, and do not count emitters.
     pub(crate) fn follow_in_air(
         &self,
         from: &Vertex,
         wi: Vec3A,
-        link: Option<&mut Option<Link>>,
+        links: Option<&mut Links>,
         sequence: &mut Sequence,
         rays: &mut u32,
     ) -> Leg {
-        self.follow_on::<false>((from, wi, 1.0), None, link, sequence, rays)
+        self.follow_on::<false>((from, wi, 1.0), None, links, sequence, rays)
     }
 
     fn follow_on<const ON_SURFACE: bool>(
         &self,
         (from, wi, pdf): (&Vertex, Vec3A, f32),
         by_area: Option<&Responses>,
-        mut link: Option<&mut Option<Link>>,
+        mut links: Option<&mut Links>,
         sequence: &mut Sequence,
         rays: &mut u32,
     ) -> Leg {
@@ -377,14 +384,17 @@ impl Kernel<'_> {
             if let (Some(grid), Some(media)) = (self.grid, self.media) {
                 let length = hit.map_or(f32::INFINITY, |h| h.t);
                 let part = (ray.origin, wi, length);
-                let air = self.airlight((media, grid), part, link.take(), sequence, rays);
                 // Layers that let light pass are rare, and so is the media's share before them.
                 let before = if 0.0 < travelled {
-                    media.transmittance(from.position, wi, travelled)
+                    through * media.transmittance(from.position, wi, travelled)
                 } else {
-                    Vec3::ONE
+                    through
                 };
-                leg.airlight += through * before * air;
+                let links = links.as_deref_mut().map(|links| {
+                    let so_far = links.throughput * before;
+                    (links, so_far)
+                });
+                leg.airlight += before * self.airlight((media, grid), part, links, sequence, rays);
             }
             let Some(hit) = hit else {
                 let sky = through * self.lights.sky.radiance(wi);
