@@ -319,6 +319,7 @@ fn attempt(name: &str, bytes: &[u8], folder: Option<&Path>, config: Option<&str>
         padding: 2,
         unwrap: Unwrap::Auto,
         engine: Engine::Uvunwrap,
+        light_grid: Quality::Draft.light_grid(),
         seed: 1,
         irradiance_cache: false,
         split_direct: false,

@@ -100,6 +100,8 @@ pub(crate) struct SettingsArgs {
     /// What becomes of fog and other media of the scene [default: off]
     #[arg(long, value_enum)]
     pub(crate) media: Option<MediaArg>,
+    #[command(flatten)]
+    pub(crate) grid: GridArgs,
     /// End paths at irradiance gathered beforehand: much less noise, a small bias that README states; a
     /// limit of --bounces rules it out
     #[arg(long, value_enum, value_name = "WHETHER", default_value = "on")]
@@ -110,6 +112,20 @@ pub(crate) struct SettingsArgs {
     /// Seed of all random numbers [default: 0]
     #[arg(long, value_name = "N")]
     pub(crate) seed: Option<u64>,
+}
+
+/// How fine the light grid of `--media bounded` is.
+#[derive(Clone, Copy, Debug, ClapArgs)]
+pub(crate) struct GridArgs {
+    /// Nodes of the light grid that `--media bounded` fills, about; by the preset if absent
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..=1 << 24))]
+    pub(crate) grid_nodes: Option<u32>,
+    /// Paths from each of them; by the preset if absent
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
+    pub(crate) grid_paths: Option<u32>,
+    /// Most times that light is scattered on its way from node to node; without it as often as counts
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=400))]
+    pub(crate) grid_orders: Option<u32>,
 }
 
 /// How the command runs, without effect on its result.
@@ -204,6 +220,8 @@ pub(crate) struct PointsArgs {
     /// What becomes of fog and other media of the scene [default: off]
     #[arg(long, value_enum)]
     pub(crate) media: Option<MediaArg>,
+    #[command(flatten)]
+    pub(crate) grid: GridArgs,
     /// Seed of all random numbers
     #[arg(long, value_name = "N")]
     pub(crate) seed: Option<u64>,

@@ -157,8 +157,10 @@ impl Job<'_> {
         let learnt = learn(self.plan);
         let kernel = learnt.guide(kernel(self.plan));
         self.watch.lap("pilot");
-        let (cache, grid) = self.cache(&kernel, &baked.monitor)?;
+        let grid = self.light_grid(&kernel, &baked.monitor)?;
         let kernel = Kernel { grid: grid.as_ref(), ..kernel };
+        self.watch.lap("light grid");
+        let cache = self.cache(&kernel, &baked.monitor)?;
         // Whether no light at all reaches a side is a question to paths alone.
         let unbiased = kernel;
         let kernel = Kernel { cache: cache.as_ref(), ..learnt.guide_texels(kernel) };
@@ -234,33 +236,27 @@ impl Job<'_> {
         now + left.mul_f64(area(&rest[0]) / all.max(1.0))
     }
 
-    /// Gathers the irradiance cache and the light grid of media if the plan wants them.
-    fn cache(
-        &self,
-        kernel: &Kernel<'_>,
-        monitor: &Monitor,
-    ) -> Result<(Option<IrradianceCache>, Option<LightGrid>), Error> {
+    /// Fills the light grid of media if the plan wants one.
+    fn light_grid(&self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<Option<LightGrid>, Error> {
         let settings = self.plan.settings();
         let fineness = settings.light_grid().filter(|_| kernel.media.is_some());
-        let mut air = fineness.and_then(|f| Gathering::new(kernel, f, settings.seed));
-        let paths = air.as_ref().map_or(0, |air| air.paths(settings.caches()));
-        if !settings.caches() {
-            let Some(mut air) = air else { return Ok((None, None)) };
-            return say::watch(self.style, "light in media", paths, monitor, self.interrupt, || {
-                air.finish(kernel, monitor)?;
-                Ok((None, Some(air.grid)))
-            });
+        let gathering = fineness.and_then(|f| Gathering::new(kernel, f, settings.seed));
+        let Some(gathering) = gathering else { return Ok(None) };
+        let paths = gathering.paths();
+        say::watch(self.style, "light in media", paths, monitor, self.interrupt, || {
+            gathering.fill(kernel, monitor).map(Some)
+        })
+    }
+
+    /// Gathers the irradiance cache if the plan wants it.
+    fn cache(&self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<Option<IrradianceCache>, Error> {
+        if !self.plan.settings().caches() {
+            return Ok(None);
         }
         let cells = cells(self.plan, kernel);
-        let cache = say::watch(
-            self.style,
-            "irradiance cache",
-            cells.paths() + paths,
-            monitor,
-            self.interrupt,
-            || cells.fill(kernel, air.as_mut(), monitor),
-        )?;
-        Ok((Some(cache), air.map(|air| air.grid)))
+        say::watch(self.style, "irradiance cache", cells.paths(), monitor, self.interrupt, || {
+            cells.fill(kernel, monitor).map(Some)
+        })
     }
 
     /// Reports samples that were not finite; with `--strict` they end the bake.

@@ -1,10 +1,12 @@
 //! Reads scene and configuration and resolves settings.
 
-use crate::cli::args::{LightUnitsArg, MediaArg, OnOff, QualityArg, SceneArgs, SettingsArgs, UnwrapArg};
+use crate::cli::args::{
+    GridArgs, LightUnitsArg, MediaArg, OnOff, QualityArg, SceneArgs, SettingsArgs, UnwrapArg,
+};
 use crate::cli::say;
 use crate::error::{Error, Finding};
 use crate::geom::atlas::{Engine, Unwrap};
-use crate::plan::settings::Sampling;
+use crate::plan::settings::{Fineness, Sampling};
 use crate::plan::{MediaMode, Quality, Settings, Tracing};
 use crate::scene::config::{Config, RunConfig};
 use crate::scene::document::Document;
@@ -135,6 +137,16 @@ pub(crate) fn media(arg: Option<MediaArg>, run: &RunConfig, scene: &Scene) -> Re
     })
 }
 
+/// How fine the light grid is: by the command line, else by the preset.
+pub(crate) fn light_grid(args: GridArgs, quality: Quality) -> Fineness {
+    let preset = quality.light_grid();
+    Fineness {
+        nodes: args.grid_nodes.unwrap_or(preset.nodes),
+        paths: args.grid_paths.unwrap_or(preset.paths),
+        orders: args.grid_orders,
+    }
+}
+
 /// Says what became of responses of media that could not be taken as they are.
 pub(crate) fn say_responses(tracing: &Tracing) {
     let Some(responses) = &tracing.responses else { return };
@@ -197,6 +209,7 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
         },
         engine: engine(args),
         media,
+        light_grid: light_grid(args.grid, quality),
         seed: args.seed.or(run.seed).unwrap_or(0),
         irradiance_cache: args.irradiance_cache == OnOff::On,
         split_direct: args.split_direct,

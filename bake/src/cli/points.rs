@@ -52,16 +52,15 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
     let learnt = pool.install(|| Learnt::new(&kernel, &receivers, seed));
     let kernel = learnt.guide(kernel);
     let style = Style::new(args.work.progress);
-    let air = (media == MediaMode::Bounded).then(|| quality.light_grid());
+    let air = (media == MediaMode::Bounded).then(|| input::light_grid(args.grid, quality));
     let air = air.and_then(|f| pool.install(|| Gathering::new(&kernel, f, seed)));
     let grid = match air {
         None => None,
-        Some(mut air) => {
-            let paths = air.paths(false);
-            say::watch(style, "light in media", paths, &Monitor::default(), interrupt, || {
-                pool.install(|| air.finish(&kernel, &monitor))
-            })?;
-            Some(air.grid)
+        Some(air) => {
+            let paths = air.paths();
+            Some(say::watch(style, "light in media", paths, &Monitor::default(), interrupt, || {
+                pool.install(|| air.fill(&kernel, &monitor))
+            })?)
         }
     };
     let kernel = Kernel { grid: grid.as_ref(), ..kernel };

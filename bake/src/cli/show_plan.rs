@@ -97,7 +97,7 @@ impl Cost {
         let all = cells.paths() as f64;
         let few = cells.with_samples(1);
         let start = Instant::now();
-        let cache = few.fill(kernel, None, &Monitor::default())?;
+        let cache = few.fill(kernel, &Monitor::default())?;
         let seconds = start.elapsed().as_secs_f64();
         Ok((Some(cache), seconds * all / few.paths().max(1) as f64))
     }

@@ -31,12 +31,12 @@ impl Quality {
     /// How fine the light grid of media is.
     #[must_use]
     pub const fn light_grid(self) -> Fineness {
-        let (nodes, rays) = match self {
-            Self::Draft => (1 << 12, 32),
-            Self::Medium => (1 << 14, 64),
-            Self::High => (1 << 16, 64),
+        let (nodes, paths) = match self {
+            Self::Draft => (1 << 11, 32),
+            Self::Medium => (1 << 13, 32),
+            Self::High => (1 << 15, 64),
         };
-        Fineness { nodes, rays, orders: None }
+        Fineness { nodes, paths, orders: None }
     }
 
     /// Side of the one page that the scene is fitted onto where no density is given, texels.
@@ -65,8 +65,8 @@ impl Quality {
 pub struct Fineness {
     /// About how many nodes.
     pub nodes: u32,
-    /// Rays of each node in the last pass.
-    pub rays: u32,
+    /// Paths from each node.
+    pub paths: u32,
     /// Most steps of scattering from node to node; `None`: as many as count.
     pub orders: Option<u32>,
 }
@@ -140,6 +140,8 @@ pub struct Settings {
     pub engine: Engine,
     /// What becomes of media.
     pub media: MediaMode,
+    /// How fine the light grid of media is.
+    pub light_grid: Fineness,
     /// Seed of all random numbers.
     pub seed: u64,
     /// Whether paths may end at an irradiance cache.
@@ -178,7 +180,7 @@ impl Settings {
     /// How fine the light grid of media is, if there is one.
     #[must_use]
     pub fn light_grid(&self) -> Option<Fineness> {
-        (self.media == MediaMode::Bounded).then(|| self.quality.light_grid())
+        (self.media == MediaMode::Bounded).then_some(self.light_grid)
     }
 
     pub(crate) fn atlas(&self) -> AtlasOptions {

@@ -66,6 +66,22 @@ impl Sequence {
         unit(mix64(place ^ (u64::from(self.set) + 1).wrapping_mul(0xa076_1d64_78bd_642f)) >> 40)
     }
 
+    /// Four numbers as cheap as [`Sequence::coin`], others for each `purpose` (which [`Sequence::coin`] counts as 0).
+    #[must_use]
+    pub fn coins(&self, purpose: u32) -> [f32; 4] {
+        let place = u64::from(self.seed) << 32 | u64::from(self.index);
+        let set = (u64::from(self.set) + 1).wrapping_mul(0xa076_1d64_78bd_642f);
+        let h = mix64(place ^ set ^ u64::from(purpose).wrapping_mul(0xe703_7ed1_a0b4_28db));
+        let g = mix64(h ^ 0xd1b5_4a32_d192_ed03);
+        [unit(h >> 40), unit((h >> 8) & 0xff_ffff), unit(g >> 40), unit((g >> 8) & 0xff_ffff)]
+    }
+
+    /// The sample without stratification from its first number on: cheaper, for paths that others stand in for.
+    #[must_use]
+    pub const fn hashed(key: u64, index: u32) -> Self {
+        Self { set: SOBOL_SETS, ..Self::new(key, index) }
+    }
+
     /// The next four dimensions, each uniform in [0, 1).
     pub fn next4(&mut self) -> [f32; 4] {
         let set = self.set;

@@ -14,7 +14,6 @@ use crate::sample::warp::{Frame, square_to_cos_hemisphere};
 use crate::sample::{Sequence, sequence};
 use crate::scene::model::Rgb;
 use crate::solve::Monitor;
-use crate::solve::light_grid::Gathering;
 use crate::transport::cache::{IrradianceCache, Record};
 use crate::transport::encounter::Onward;
 use crate::transport::{Kernel, Vertex};
@@ -88,17 +87,12 @@ impl Cells {
         self.list().len() as u64 * u64::from(each)
     }
 
-    /// Fills the cells, and with them the light grid of media, if there is one.
+    /// Fills the cells.
     ///
     /// # Errors
     ///
     /// [`Error::Interrupted`] when the monitor asks to stop.
-    pub fn fill(
-        &self,
-        kernel: &Kernel<'_>,
-        mut air: Option<&mut Gathering>,
-        monitor: &Monitor,
-    ) -> Result<IrradianceCache, Error> {
+    pub fn fill(&self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<IrradianceCache, Error> {
         let cells = self.list();
         let records = self
             .points
@@ -110,10 +104,6 @@ impl Cells {
         for (pass, part) in PASSES.iter().enumerate() {
             let n = self.pass(*part);
             let kernel = Kernel { cache: (0 < pass).then_some(&cache), ..*kernel };
-            if let Some(air) = air.as_deref_mut().filter(|_| pass == 0) {
-                air.prepare(&kernel, monitor)?;
-            }
-            let kernel = Kernel { grid: air.as_deref().map(|air| &air.grid), ..kernel };
             let mut values = vec![Vec3::ZERO; self.points.len()];
             let mut rest = values.as_mut_slice();
             let work: Vec<(&[Point], &mut [Rgb])> = cells
@@ -128,9 +118,6 @@ impl Cells {
                 }
             });
             cache.replace(&values);
-        }
-        if let Some(air) = air {
-            air.finish(&Kernel { cache: Some(&cache), ..*kernel }, monitor)?;
         }
         if monitor.stopped() { Err(Error::Interrupted) } else { Ok(cache) }
     }

@@ -2,8 +2,8 @@
 //!
 //! Every node looks around by a few paths. What these bring of lights, by way of surfaces and scattered once, is taken at once; where light was
 //! scattered before, a path reaches into the grid, and only one such node, the direction and its weight are kept. These links are a system of
-//! linear equations, whose solution has every order of scattering and every exchange with surfaces without another ray. Where there is an
-//! irradiance cache, the grid is gathered twice: by whole paths before, so that the cache has the light of media, and with its help.
+//! linear equations, whose solution has every order of scattering and every exchange with surfaces without another ray. So the grid needs no
+//! irradiance cache, and the cache is gathered with the grid's help.
 
 use crate::error::Error;
 use crate::geom::World;
@@ -22,9 +22,6 @@ use std::f32::consts::PI;
 /// Random numbers of the grid belong to this domain; see [`sequence::key`].
 const DOMAIN: u64 = 0x4c47;
 
-/// Rays of each node in the first pass, as a part of those of the second one.
-const FIRST: f32 = 0.5;
-
 /// What is still missing when the equations count as solved, as a part of the mean.
 const SOLVED: f64 = 2e-4;
 
@@ -34,14 +31,12 @@ const STEPS: u32 = 400;
 /// Steps between two leaps along what changes slowest.
 const LEAP: u32 = 8;
 
-/// A grid that is being gathered.
+/// A grid that is not filled yet.
 #[derive(Debug)]
 pub struct Gathering {
-    /// What is known so far.
-    pub grid: LightGrid,
+    grid: LightGrid,
     fineness: Fineness,
     seed: u64,
-    pass: u32,
 }
 
 /// What a node found.
@@ -67,42 +62,23 @@ impl Gathering {
             })
             .collect();
         grid.look(known, &seen);
-        Some(Self { grid, fineness, seed, pass: 0 })
+        Some(Self { grid, fineness, seed })
     }
 
-    /// Paths that are taken in all, by way of a cache or without one.
+    /// Paths that filling will take.
     #[must_use]
-    pub fn paths(&self, cached: bool) -> u64 {
-        let each = self.fineness.rays + if cached { self.first() } else { 0 };
-        self.grid.len() as u64 * u64::from(each)
+    pub fn paths(&self) -> u64 {
+        self.grid.len() as u64 * u64::from(self.fineness.paths)
     }
 
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of rays")]
-    fn first(&self) -> u32 {
-        ((self.fineness.rays as f32 * FIRST) as u32).max(8)
-    }
-
-    /// Gathers by whole paths, as many rays as an irradiance cache that is gathered with its help needs.
+    /// Fills the grid by paths that `kernel` follows from surface to surface.
     ///
     /// # Errors
     ///
     /// [`Error::Interrupted`] when the monitor asks to stop.
-    pub fn prepare(&mut self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<(), Error> {
-        self.gather(kernel, self.first(), monitor)
-    }
-
-    /// Gathers by all rays: by whole paths, or with the help of an irradiance cache.
-    ///
-    /// # Errors
-    ///
-    /// As [`Gathering::prepare`].
-    pub fn finish(&mut self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<(), Error> {
-        self.gather(kernel, self.fineness.rays, monitor)
-    }
-
-    fn gather(&mut self, kernel: &Kernel<'_>, n: u32, monitor: &Monitor) -> Result<(), Error> {
+    pub fn fill(mut self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<LightGrid, Error> {
+        let n = self.fineness.paths;
         let directions = directions(n);
-        let domain = DOMAIN + u64::from(self.pass);
         let kernel = Kernel { grid: Some(&self.grid), ..*kernel };
         let found: Vec<Found> = (0..self.grid.len())
             .into_par_iter()
@@ -111,7 +87,7 @@ impl Gathering {
                 if monitor.stopped() {
                     return Found { light: [Vec3::ZERO; COEFFICIENTS], links: Vec::new() };
                 }
-                let key = sequence::key(self.seed, domain, node as u64);
+                let key = sequence::key(self.seed, DOMAIN, node as u64);
                 let (found, rays) = look_around(&kernel, self.grid.node(node), &directions, key);
                 monitor.add(u64::from(n), rays);
                 found
@@ -121,10 +97,9 @@ impl Gathering {
             return Err(Error::Interrupted);
         }
         let turns: Vec<Quat> =
-            (0..self.grid.len()).map(|node| turn(sequence::key(self.seed, domain, node as u64))).collect();
+            (0..self.grid.len()).map(|node| turn(sequence::key(self.seed, DOMAIN, node as u64))).collect();
         self.grid.light = solve(&found, &turns, &directions, self.fineness.orders.unwrap_or(STEPS));
-        self.pass += 1;
-        Ok(())
+        Ok(self.grid)
     }
 }
 
@@ -173,9 +148,9 @@ fn look_around(kernel: &Kernel<'_>, p: Vec3A, directions: &[Vec3A], key: u64) ->
     let mut rays = 0;
     for (i, d) in (0..).zip(directions) {
         let wi = turn * *d;
-        let mut sequence = Sequence::new(key, i);
+        let mut sequence = Sequence::hashed(key, i);
         let mut links = Links::new();
-        let light = kernel.arrives(&from, wi, true, Some(&mut links), &mut sequence, &mut rays);
+        let light = kernel.arrives(&from, wi, Some(&mut links), &mut sequence, &mut rays);
         if light.is_finite() {
             let light = light * (4.0 * PI / directions.len() as f32);
             for (sum, y) in found.light.iter_mut().zip(harmonics(wi)) {

@@ -113,6 +113,11 @@ impl<'a> Way<'a> {
         }
     }
 
+    /// The part of light that does not get through, in the channel that loses most.
+    pub(crate) fn scattered(&self) -> f32 {
+        1.0 - self.transmittance(self.span().1).min_element()
+    }
+
     /// Coefficients at a place; `None` where there is no medium.
     pub(crate) fn coefficients(&self, t: f32) -> Option<Coefficients> {
         match self.plain {

@@ -21,6 +21,9 @@ use crate::transport::light_grid::{Inside, LightGrid, Seen, dot, scattering};
 use crate::transport::path::{Kernel, Stage, Vertex};
 use glam::{Vec3, Vec3A};
 
+/// Rays are asked for their airlight as often as light is scattered or absorbed on them, times this: the thinner the media, the less they cost.
+const EAGER: f32 = 2.0;
+
 /// Share of places at which a ray asks what the cell believes to know.
 const DOUBT: f32 = 1.0 / 16.0;
 
@@ -130,30 +133,36 @@ impl Kernel<'_> {
         rays: &mut u32,
     ) -> Rgb {
         let Some(way) = Way::new(media, origin, direction, length) else { return Vec3::ZERO };
+        let chance = if links.is_some() { 1.0 } else { (EAGER * way.scattered()).min(1.0) };
+        if chance < 1.0 && chance <= sequence.coin() {
+            return Vec3::ZERO;
+        }
         let mut sum = Vec3::ZERO;
-        let [a, b, c, d] = sequence.next4();
-        if let Some(landing) = way.land(a) {
+        let numbers = sequence.next4();
+        if let Some(landing) = way.land(numbers[0]) {
             let p = origin + direction * landing.at;
             let at = grid.inside(p);
+            let [b, c, d, e] = sequence.coins(1);
             let arrives = match (self.node(grid, p, at, [b, c, d], rays), links) {
                 (Some(node), None) => dot(grid.light(node), &scattering(direction, landing.g)),
                 #[expect(clippy::cast_possible_truncation, reason = "fewer nodes than 2^32")]
                 (Some(node), Some((links, so_far))) => {
                     let weight = so_far * landing.weight;
                     let link = Link { node: node as u32, direction: pack(direction), weight, g: landing.g };
-                    links.offer(link, sequence.coin());
+                    links.offer(link, e);
                     Vec3::ZERO
                 }
                 (None, _) => {
-                    // No node sees the place: a corner or a corridor finer than the grid.
+                    // No node sees the place, a corner or a corridor finer than the grid: what surfaces send there.
                     let wi = henyey_greenstein_direction(direction, landing.g, [b, c]);
-                    self.arrives(&in_air(p), wi, false, None, sequence, rays)
+                    Kernel { grid: None, ..*self }.arrives(&in_air(p), wi, None, sequence, rays)
                 }
             };
             sum += landing.weight
                 * (arrives + self.suns_in_air((media, grid), p, at, direction, landing.g, sequence, rays));
         }
-        sum + self.lamp_in_air((media, grid), &way, origin, direction, sequence, rays)
+        sum += self.lamp_in_air((media, grid), &way, (origin, direction), numbers, sequence, rays);
+        sum / chance
     }
 
     /// One of the nodes around a place that see it, each as likely as trilinear interpolation weighs it.
@@ -221,7 +230,7 @@ impl Kernel<'_> {
         at: Inside,
         direction: Vec3A,
         g: f32,
-        sequence: &mut Sequence,
+        sequence: &Sequence,
         rays: &mut u32,
     ) -> Rgb {
         let suns = &self.lights.suns;
@@ -229,7 +238,7 @@ impl Kernel<'_> {
             return Vec3::ZERO;
         }
         let first = self.lights.punctual.len() + self.lights.emitters.groups().len();
-        let [a, b, c, _] = sequence.next4();
+        let [a, b, c, _] = sequence.coins(3);
         let mut sum = Vec3::ZERO;
         for (i, sun) in suns.iter().enumerate() {
             let shift = i as f32 * 0.618_034;
@@ -250,9 +259,9 @@ impl Kernel<'_> {
         &self,
         (media, grid): (&Media, &LightGrid),
         way: &Way<'_>,
-        origin: Vec3A,
-        direction: Vec3A,
-        sequence: &mut Sequence,
+        (origin, direction): (Vec3A, Vec3A),
+        [_, a, b, c]: [f32; 4],
+        sequence: &Sequence,
         rays: &mut u32,
     ) -> Rgb {
         let (lamps, groups) = (&self.lights.punctual, self.lights.emitters.groups());
@@ -260,7 +269,6 @@ impl Kernel<'_> {
             return Vec3::ZERO;
         }
         let (from, to) = way.span();
-        let [a, b, c, d] = sequence.next4();
         let weigh = |i: usize| -> f32 {
             if i < lamps.len() {
                 let Some((from, to)) = lamps[i].lit_part(origin, direction, from, to) else { return 0.0 };
@@ -296,8 +304,7 @@ impl Kernel<'_> {
             return Vec3::ZERO;
         }
         let lamp = if i < lamps.len() { Lamp::Punctual(i) } else { Lamp::Group(i, &groups[i - lamps.len()]) };
-        self.scattered_once((media, grid), way, (origin, direction), &lamp, [b, c, d], sequence, rays)
-            / chance
+        self.scattered_once((media, grid), way, (origin, direction), &lamp, [b, c], sequence, rays) / chance
     }
 
     #[expect(clippy::too_many_arguments, reason = "a ray, its media, a light and numbers")]
@@ -307,11 +314,12 @@ impl Kernel<'_> {
         way: &Way<'_>,
         (origin, direction): (Vec3A, Vec3A),
         lamp: &Lamp<'_>,
-        [u, coin, v]: [f32; 3],
-        sequence: &mut Sequence,
+        [u, v]: [f32; 2],
+        sequence: &Sequence,
         rays: &mut u32,
     ) -> Rgb {
         let (from, to) = way.span();
+        let [coin, e, f, _] = sequence.coins(2);
         // Light at a place, the number of the lamp, and how far rays may go that ask for it.
         let (index, place, light, distance) = match lamp {
             Lamp::Punctual(i) => {
@@ -324,7 +332,6 @@ impl Kernel<'_> {
                 (*i, place, light, reach(p, light.wi * light.distance))
             }
             Lamp::Group(i, group) => {
-                let [e, f, _, _] = sequence.next4();
                 let at = self.lights.emitters.sample_group(group, v, [e, f]);
                 let place = equi_angular(at.position - origin, direction, from, to, u);
                 let Some((t, _)) = place else { return Vec3::ZERO };
@@ -355,19 +362,17 @@ impl Kernel<'_> {
         light.illuminance * left * through * here.sigma_s * (phase / pdf)
     }
 
-    /// Radiance that arrives at a place in the air from `wi`, but for what suns, lamps and emitters bring straight away. Without `air` nothing that
-    /// media scatter on the way to the first surface.
+    /// Radiance that arrives at a place in the air from `wi`, but for what suns, lamps and emitters bring straight away. With
+    /// `links` the light of the grid is left out and said there.
     pub(crate) fn arrives(
         &self,
         from: &Vertex,
         wi: Vec3A,
-        air: bool,
         mut links: Option<&mut Links>,
         sequence: &mut Sequence,
         rays: &mut u32,
     ) -> Rgb {
-        let kernel = if air { *self } else { Kernel { grid: None, ..*self } };
-        let leg = kernel.follow_in_air(from, wi, links.as_deref_mut(), sequence, rays);
+        let leg = self.follow_in_air(from, wi, links.as_deref_mut(), sequence, rays);
         let mut sum = leg.emitted + leg.airlight;
         if let Some((next, reflectance)) = leg.next {
             let light = match self.cache.and_then(|cache| cache.lookup(&next)) {
