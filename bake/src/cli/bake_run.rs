@@ -157,7 +157,7 @@ impl Job<'_> {
         let learnt = learn(self.plan);
         let kernel = learnt.guide(kernel(self.plan));
         self.watch.lap("pilot");
-        let grid = self.light_grid(&kernel, &baked.monitor)?;
+        let grid = self.light_grid(&learnt.guide_texels(kernel), &baked.monitor)?;
         let kernel = Kernel { grid: grid.as_ref(), ..kernel };
         self.watch.lap("light grid");
         let cache = self.cache(&kernel, &baked.monitor)?;

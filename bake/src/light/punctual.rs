@@ -69,7 +69,12 @@ impl Punctual {
         // (v.axis)^2 = cos^2 v.v for v = w + t direction.
         let (da, wa, c2) = (direction.dot(axis), w.dot(axis), cos * cos);
         let (a, b, c) = (da * da - c2, da * wa - c2 * direction.dot(w), wa * wa - c2 * w.dot(w));
-        let root = (b * b - a * c).max(0.0).sqrt();
+        let discriminant = b * b - a * c;
+        if discriminant < 0.0 && a < 0.0 {
+            // Passes beside both halves of the cone.
+            return None;
+        }
+        let root = discriminant.max(0.0).sqrt();
         let q = if b < 0.0 { root - b } else { -root - b };
         let (t0, t1) = (q / a, c / q);
         let mut ends = [from, t0.min(t1), t0.max(t1), to];

@@ -71,6 +71,9 @@ impl Links {
     }
 }
 
+/// So many lights' weights fit on the stack.
+const FEW: usize = 16;
+
 /// A lamp or an emissive surface, as media see it.
 enum Lamp<'a> {
     Punctual(usize),
@@ -282,14 +285,21 @@ impl Kernel<'_> {
         let (i, chance) = if n == 1 {
             (0, 1.0)
         } else {
-            let total: f32 = (0..n).map(weigh).sum();
+            // Few are weighed once, many twice.
+            let mut weights = [0.0; FEW];
+            let total: f32 = if n <= FEW {
+                weights[..n].iter_mut().enumerate().for_each(|(i, w)| *w = weigh(i));
+                weights.iter().sum()
+            } else {
+                (0..n).map(weigh).sum()
+            };
             if !(0.0 < total && total.is_finite()) {
                 return Vec3::ZERO;
             }
             let mut rest = a * total;
             let mut chosen = (0, 0.0);
             for i in 0..n {
-                let w = weigh(i);
+                let w = if n <= FEW { weights[i] } else { weigh(i) };
                 if 0.0 < w {
                     chosen = (i, w / total);
                     rest -= w;
