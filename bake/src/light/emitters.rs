@@ -19,7 +19,12 @@ pub struct Emitters {
     /// Index into `list` for each world triangle, `u32::MAX` where it does not emit; empty if none does.
     of_triangle: Vec<u32>,
     groups: Vec<Group>,
+    /// For each entry of `list`, whether it belongs to one of the groups.
+    grouped: Vec<bool>,
 }
+
+/// Emissive surfaces wider than this part of the scene are no lamps in media: any direction may find them.
+const WIDE: f32 = 0.5;
 
 /// The emissive triangles of one surface, as a light in media.
 #[derive(Clone, Debug)]
@@ -116,19 +121,25 @@ impl Emitters {
         for (k, e) in list.iter().enumerate() {
             of_triangle[e.triangle as usize] = k as u32;
         }
-        let groups = list
-            .chunk_by(|a, b| world.surface(a.triangle) == world.surface(b.triangle))
-            .scan(0, |first, members| {
-                let group = Group::new(*first, members);
-                *first += members.len();
-                Some(group)
-            })
-            .flatten()
-            .collect();
-        Self { list, by_power, of_triangle, groups }
+        let mut grouped = vec![false; list.len()];
+        let mut first = 0;
+        let mut groups = Vec::new();
+        for members in list.chunk_by(|a, b| world.surface(a.triangle) == world.surface(b.triangle)) {
+            let group = Group::new(first, members).filter(|g| g.radius < WIDE * world.radius);
+            grouped[first..first + members.len()].fill(group.is_some());
+            groups.extend(group);
+            first += members.len();
+        }
+        Self { list, by_power, of_triangle, groups, grouped }
     }
 
-    /// The emissive surfaces.
+    /// Whether a triangle that emits belongs to one of the groups.
+    #[must_use]
+    pub fn is_grouped(&self, triangle: u32) -> bool {
+        self.of_triangle.get(triangle as usize).is_some_and(|&k| k != u32::MAX && self.grouped[k as usize])
+    }
+
+    /// Emissive surfaces that are not wide.
     #[must_use]
     pub fn groups(&self) -> &[Group] {
         &self.groups

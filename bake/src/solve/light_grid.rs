@@ -146,6 +146,7 @@ fn look_around(kernel: &Kernel<'_>, p: Vec3A, directions: &[Vec3A], key: u64) ->
     let from = in_air(p);
     let mut found = Found { light: [Vec3::ZERO; COEFFICIENTS], links: Vec::with_capacity(directions.len()) };
     let mut rays = 0;
+    let (mut weighs, mut should) = (Vec3::ZERO, Vec3::ZERO);
     for (i, d) in (0..).zip(directions) {
         let wi = turn * *d;
         let mut sequence = Sequence::hashed(key, i);
@@ -157,7 +158,15 @@ fn look_around(kernel: &Kernel<'_>, p: Vec3A, directions: &[Vec3A], key: u64) ->
                 *sum += light * y;
             }
         }
-        found.links.push(links.chosen());
+        let chosen = links.chosen();
+        weighs += chosen.map_or(Vec3::ZERO, |l| l.weight);
+        should += links.expected;
+        found.links.push(chosen);
+    }
+    // Noise of the weights would make light of its own where it is scattered often: together they weigh what they should.
+    let factor = should / weighs;
+    for link in found.links.iter_mut().flatten() {
+        link.weight = Vec3::select(weighs.cmpgt(Vec3::ZERO), link.weight * factor, link.weight);
     }
     (found, u64::from(rays))
 }

@@ -118,6 +118,19 @@ impl<'a> Way<'a> {
         1.0 - self.transmittance(self.span().1).min_element()
     }
 
+    /// What a landing weighs on average: the integral of sigma_s and what is left of light, where it has a closed form.
+    pub(crate) fn scattering(&self) -> Option<Rgb> {
+        let (from, to, c) = self.plain?;
+        let part = |k: usize| {
+            if 0.0 < c.sigma_s[k] {
+                c.sigma_s[k] / c.sigma_t[k] * -(-c.sigma_t[k] * (to - from)).exp_m1()
+            } else {
+                0.0
+            }
+        };
+        Some(Vec3::new(part(0), part(1), part(2)))
+    }
+
     /// Coefficients at a place; `None` where there is no medium.
     pub(crate) fn coefficients(&self, t: f32) -> Option<Coefficients> {
         match self.plain {

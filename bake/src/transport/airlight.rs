@@ -22,7 +22,7 @@ use crate::transport::path::{Kernel, Stage, Vertex};
 use glam::{Vec3, Vec3A};
 
 /// Rays are asked for their airlight as often as light is scattered or absorbed on them, times this: the thinner the media, the less they cost.
-const EAGER: f32 = 2.0;
+const EAGER: f32 = 1.0;
 
 /// Share of places at which a ray asks what the cell believes to know.
 const DOUBT: f32 = 1.0 / 16.0;
@@ -47,11 +47,13 @@ pub(crate) struct Links {
     pub(crate) throughput: Rgb,
     chosen: Option<Link>,
     total: f32,
+    /// What all links together weigh on average, channel by channel, where that is known.
+    pub(crate) expected: Rgb,
 }
 
 impl Links {
     pub(crate) fn new() -> Self {
-        Self { throughput: Vec3::ONE, chosen: None, total: 0.0 }
+        Self { throughput: Vec3::ONE, chosen: None, total: 0.0, expected: Vec3::ZERO }
     }
 
     fn offer(&mut self, link: Link, u: f32) {
@@ -141,16 +143,18 @@ impl Kernel<'_> {
             return Vec3::ZERO;
         }
         let mut sum = Vec3::ZERO;
+        let mut links = links;
         let numbers = sequence.next4();
         if let Some(landing) = way.land(numbers[0]) {
             let p = origin + direction * landing.at;
             let at = grid.inside(p);
             let [b, c, d, e] = sequence.coins(1);
-            let arrives = match (self.node(grid, p, at, [b, c, d], rays), links) {
+            let arrives = match (self.node(grid, p, at, [b, c, d], rays), &mut links) {
                 (Some(node), None) => dot(grid.light(node), &scattering(direction, landing.g)),
                 #[expect(clippy::cast_possible_truncation, reason = "fewer nodes than 2^32")]
                 (Some(node), Some((links, so_far))) => {
-                    let weight = so_far * landing.weight;
+                    let weight = *so_far * landing.weight;
+                    links.expected += *so_far * way.scattering().unwrap_or(landing.weight);
                     let link = Link { node: node as u32, direction: pack(direction), weight, g: landing.g };
                     links.offer(link, e);
                     Vec3::ZERO

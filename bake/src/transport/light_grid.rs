@@ -1,6 +1,6 @@
 //! Light in media: what arrives at the nodes of a lattice.
 //!
-//! Nodes hold radiance from all directions, as spherical harmonics of bands 0 to 2, of everything but what suns, lamps and emitters bring
+//! Nodes hold radiance from all directions, as spherical harmonics of bands 0 to 2, of everything but what suns, lamps and emitters that are not wide bring
 //! straight away: that has no bound near a lamp and is gathered along each ray instead, by [`Kernel::airlight`](super::Kernel). What the cells
 //! between nodes know of these lights is whether all of their nodes see one, none, or some.
 

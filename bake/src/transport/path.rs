@@ -346,7 +346,7 @@ impl Kernel<'_> {
         self.follow_on::<true>((from, wi, pdf), by_area, links, sequence, rays)
     }
 
-    /// As [`Kernel::follow`] from a place in the air, whose rays alone find the sky, and do not count emitters.
+    /// As [`Kernel::follow`] from a place in the air, whose rays alone find the sky and wide emitters, and do not count others.
     pub(crate) fn follow_in_air(
         &self,
         from: &Vertex,
@@ -409,9 +409,12 @@ impl Kernel<'_> {
             travelled += hit.t;
             leg.travelled = travelled;
             let met = self.encounter(&hit, wi);
-            if met.emits && ON_SURFACE {
-                let other =
-                    self.lights.emitters.pdf(&self.emitter_receiver(from), hit.triangle, wi, travelled);
+            if met.emits && (ON_SURFACE || !self.lights.emitters.is_grouped(hit.triangle)) {
+                let other = if ON_SURFACE {
+                    self.lights.emitters.pdf(&self.emitter_receiver(from), hit.triangle, wi, travelled)
+                } else {
+                    0.0
+                };
                 let emission = through * met.shade.emission;
                 leg.emitted += emission
                     * match self.media {

@@ -1,0 +1,163 @@
+//! `--media bounded` between walls: furnaces, leaks, and unbiased paths.
+
+#![expect(clippy::print_stdout, reason = "figures that are reported")]
+
+use glam::Vec3;
+use serde_json::Value;
+use suite::baked::Baked;
+use suite::scenes::closed::{self, Room};
+use suite::tool;
+
+/// A bake of a scene with one medium.
+fn baked(scene: &[u8], medium: &str, args: &[&str]) -> Baked {
+    let dir = tempfile::tempdir().expect("a folder");
+    let config = dir.path().join("fog.toml");
+    std::fs::write(&config, format!("media = [{medium}]\n")).expect("a file");
+    let config = config.to_str().expect("a path").to_owned();
+    tool::baked(scene, &[args, &["--config", &config]].concat())
+}
+
+/// Mean luminance over all covered texels.
+fn mean(baked: &Baked) -> f64 {
+    let page = &baked.pages[0];
+    let covered = || (0..page.channels["A"].len()).filter(|i| 0.0 < page.channels["A"][*i]);
+    let sum = |c: &str| covered().map(|i| f64::from(page.channels[c][i])).sum::<f64>();
+    (sum("R") + sum("G") + sum("B")) / (3 * covered().count()) as f64
+}
+
+/// A furnace stays white whatever scatters in it: within 1 % at medium quality for sigma_s x size from 0.1 to 10, g from -0.5 to 0.8.
+#[test]
+fn furnace_with_fog_stays_white() {
+    let mut worst = 0.0f64;
+    for sigma in ["0.1", "1", "[0.3, 3, 10]"] {
+        for g in ["-0.5", "0", "0.8"] {
+            let args = ["--samples", "128", "--texels-per-metre", "6", "--media", "bounded"];
+            let medium = format!("{{ sigma_s = {sigma}, g = {g} }}");
+            let off = mean(&baked(&closed::furnace(0.5, 1.0), &medium, &args)) / 2.0 - 1.0;
+            println!("sigma_s {sigma}/m, g {g}: {:+.2} %", 100.0 * off);
+            worst = worst.max(off.abs());
+        }
+    }
+    assert!(worst < 0.01, "{worst}");
+}
+
+/// No light gets through walls thinner than a cell of the grid, here 10 cm and more.
+#[test]
+fn fog_does_not_leak() {
+    for thickness in [0.0f32, 0.02] {
+        for nodes in ["500", "8192"] {
+            let args =
+                ["--samples", "64", "--texels-per-metre", "9", "--media", "bounded", "--grid-nodes", nodes];
+            let baked = baked(&closed::two_rooms(thickness), "{ sigma_s = 0.5, g = 0.3 }", &args);
+            let lit = baked.node_means()["lit room"][0].max_element();
+            let dark = f64::from(baked.node_max("dark room"));
+            println!("wall of {thickness} m, {nodes} nodes: {dark} nits in the dark, {lit} in the light");
+            assert!(1.0 < lit && dark <= 1e-3 * lit);
+        }
+    }
+}
+
+/// Every kind of light at once against unbiased paths, at places on the walls: fog that is thin, thick, coloured, absorbing, scatters forwards and
+/// backwards, fills a block, thins out with height, or comes in clouds.
+#[test]
+fn bounded_agrees_with_unbiased_paths() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let scene = dir.path().join("scene.glb");
+    std::fs::write(&scene, closed::room(Room::default())).expect("a file");
+    let at: Vec<[[f64; 3]; 2]> = [
+        ([-2.0, 1.5, 0.0], [1.0, 0.0, 0.0]),
+        ([2.0, 0.6, -0.5], [-1.0, 0.0, 0.0]),
+        ([1.0, 0.0, 0.5], [0.0, 1.0, 0.0]),
+        ([-1.6, 0.0, -1.2], [0.0, 1.0, 0.0]),
+        ([0.3, 2.0, -1.5], [0.0, 0.0, 1.0]),
+        ([-1.0, 0.5, 1.5], [0.0, 0.0, -1.0]),
+        ([-0.5, 3.0, 0.6], [0.0, -1.0, 0.0]),
+        ([-0.25, 0.5, -0.3], [1.0, 0.0, 0.0]),
+    ]
+    .map(|(p, n): ([f64; 3], [f64; 3])| [p, n])
+    .to_vec();
+    let mut all: Vec<f64> = Vec::new();
+    for (name, medium) in [
+        ("thin", "{ sigma_s = 0.1 }"),
+        ("thick and coloured", "{ sigma_s = [0.3, 0.6, 1.2], sigma_a = [0.2, 0.05, 0] }"),
+        ("forwards", "{ sigma_s = 0.6, g = 0.8 }"),
+        ("backwards", "{ sigma_s = 0.6, g = -0.5 }"),
+        ("a block", "{ sigma_s = 1.5, box = { min = [-1.5, 0.2, -0.5], max = [1.2, 1.7, 1] } }"),
+        ("falling", "{ sigma_s = 1, g = 0.3, density = { height = { base = 0, falloff = 0.7 } } }"),
+        (
+            "clouds",
+            "{ sigma_s = 4, box = { min = [-2, 0, -1.5], max = [2, 3, 1.5] }, density = { noise = { scale = 1, resolution = 32 } } }",
+        ),
+    ] {
+        let config = dir.path().join("fog.toml");
+        std::fs::write(&config, format!("media = [{medium}]\n")).expect("a file");
+        let config = config.to_str().expect("a path");
+        let ask = |mode: &str, error: &str| {
+            tool::points(&scene, &at, &["--config", config, "--media", mode, "--target-error", error])
+        };
+        let (truth, got) = (ask("reference", "0.01"), ask("bounded", "0.005"));
+        let mut worst = 0.0f64;
+        for (t, g) in truth.iter().zip(&got) {
+            for c in 0..3 {
+                let noise = 3.0 * t[1][c].hypot(g[1][c]);
+                let off = (g[0][c] - t[0][c]).abs();
+                all.push(off / t[0][c]);
+                worst = worst.max((off - noise).max(0.0) / t[0][c]);
+            }
+        }
+        println!("{name}: {:.2} % beyond three standard errors", 100.0 * worst);
+        assert!(worst < 0.05, "{name}: {worst}");
+    }
+    all.sort_by(f64::total_cmp);
+    let mean = all.iter().sum::<f64>() / all.len() as f64;
+    println!("all: mean {:.2} %, 95th percentile {:.2} %", 100.0 * mean, 100.0 * all[all.len() * 95 / 100]);
+}
+
+/// The rooms of `oracles/rooms`: 4 % at medium quality and three standard errors.
+#[test]
+fn rooms_agree_with_independent_values() {
+    let Some(shared) = suite::shared("rooms_agree_with_independent_values") else { return };
+    let rooms = shared.join("oracles/rooms");
+    let names = ["absorbing_hg", "black", "box", "gray", "lamp", "shadow", "sun"];
+    for name in names.map(|n| format!("fog_{n}")) {
+        let text = std::fs::read_to_string(rooms.join(format!("{name}.json"))).expect("an oracle");
+        let file: Value = serde_json::from_str(&text).expect("JSON");
+        let points = file["points"].as_array().expect("points");
+        let asked: Vec<[[f64; 3]; 2]> =
+            points.iter().map(|p| [tool::numbers(&p["position"]), tool::numbers(&p["normal"])]).collect();
+        let got = tool::points(
+            &rooms.join(format!("{name}.glb")),
+            &asked,
+            &["--media", "bounded", "--target-error", "0.005"],
+        );
+        let mut worst = 0.0f64;
+        for (p, g) in points.iter().zip(&got) {
+            let (want, error) = (tool::numbers(&p["irradiance"]), tool::numbers(&p["std_err"]));
+            for c in 0..3 {
+                let noise = 3.0 * error[c].hypot(g[1][c]);
+                worst = worst.max(((g[0][c] - want[c]).abs() - noise).max(0.0) / want[c]);
+            }
+        }
+        println!("{name}: {:.2} % beyond three standard errors", 100.0 * worst);
+        assert!(worst < 0.04, "{name}: {worst}");
+    }
+}
+
+/// Where lamps only shine upwards, at a black plate, the rest of the room is lit by way of fog alone.
+#[test]
+fn what_a_spot_sends_into_fog_lights_the_room() {
+    let light = |media: &str| {
+        let scene = std::fs::read(suite::root().join("data/hall.glb")).expect("the hall");
+        let args = ["--samples", "16", "--texels-per-metre", "2", "--media", media];
+        let baked = tool::baked(&scene, &args);
+        let (sum, area) = baked
+            .node_means()
+            .iter()
+            .filter(|(name, _)| name.contains("wall"))
+            .fold((Vec3::ZERO.as_dvec3(), 0.0), |(s, n), (_, m)| (s + m[0], n + 1.0));
+        (sum / area).element_sum()
+    };
+    let (attenuated, bounded) = (light("attenuate"), light("bounded"));
+    println!("walls: {attenuated} nits attenuated, {bounded} nits in all");
+    assert!(1.2 * attenuated < bounded, "{attenuated} {bounded}");
+}
