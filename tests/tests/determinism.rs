@@ -15,7 +15,7 @@ fn bytes_do_not_depend_on_threads_or_repetition() {
 
 #[test]
 fn nor_do_they_in_haze() {
-    for media in ["table", "reference"] {
+    for media in ["table", "bounded", "reference"] {
         same_at_any_thread_count(&hall(), &["--samples", "2", "--texels-per-metre", "1", "--media", media]);
     }
 }

@@ -97,7 +97,7 @@ pub(crate) struct SettingsArgs {
     #[cfg(feature = "xatlas")]
     #[arg(long, value_enum, default_value = "uvunwrap")]
     pub(crate) unwrap_engine: EngineArg,
-    /// What becomes of fog and other media of the scene [default: off]
+    /// What becomes of fog and other media of the scene [default: bounded]
     #[arg(long, value_enum)]
     pub(crate) media: Option<MediaArg>,
     #[command(flatten)]
@@ -217,7 +217,7 @@ pub(crate) struct PointsArgs {
     /// How the file's light intensities are meant
     #[arg(long, value_enum)]
     pub(crate) light_units: Option<LightUnitsArg>,
-    /// What becomes of fog and other media of the scene [default: off]
+    /// What becomes of fog and other media of the scene [default: bounded]
     #[arg(long, value_enum)]
     pub(crate) media: Option<MediaArg>,
     #[command(flatten)]

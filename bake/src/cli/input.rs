@@ -103,7 +103,7 @@ pub(crate) fn word<T: ValueEnum>(text: &str, path: &str) -> Result<T, Error> {
     })
 }
 
-/// What becomes of media: by the command line, else the configuration file. Nobody's wish leaves them out, which is said.
+/// What becomes of media: by the command line, else the configuration file, else they are simulated between walls.
 ///
 /// # Errors
 ///
@@ -113,12 +113,6 @@ pub(crate) fn media(arg: Option<MediaArg>, run: &RunConfig, scene: &Scene) -> Re
         (None, Some(text)) => Some(word(text, "run.media")?),
         (given, _) => given,
     };
-    if let (None, Some(first)) = (arg, scene.media.first()) {
-        say::line(&format!(
-            "warning: {}: media are ignored; --media attenuate, table or reference simulates them, --media off says that this is meant",
-            first.path
-        ));
-    }
     let beyond = |m: &&Medium| crate::media::MOST_G < m.g.abs();
     if let (Some(MediaArg::Table), Some(medium)) = (arg, scene.media.iter().find(beyond)) {
         say::line(&format!(
@@ -128,7 +122,7 @@ pub(crate) fn media(arg: Option<MediaArg>, run: &RunConfig, scene: &Scene) -> Re
             crate::media::MOST_G
         ));
     }
-    Ok(match arg.unwrap_or(MediaArg::Off) {
+    Ok(match arg.unwrap_or(MediaArg::Bounded) {
         MediaArg::Off => MediaMode::Off,
         MediaArg::Attenuate => MediaMode::Attenuate,
         MediaArg::Table => MediaMode::Table,

@@ -134,6 +134,12 @@ impl Media {
         Some(all)
     }
 
+    /// The mean cosine farthest from 0 of what scatters.
+    #[must_use]
+    pub fn most_forward(&self) -> f32 {
+        self.bodies.iter().filter(|b| b.sigma_s != Vec3::ZERO).map(|b| b.g.abs()).fold(0.0, f32::max)
+    }
+
     /// Whether any of them scatters light.
     #[must_use]
     pub fn scatters(&self) -> bool {

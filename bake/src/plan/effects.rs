@@ -86,10 +86,13 @@ pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> 
             match (scene.media.len(), settings.media) {
                 (0, _) => "no medium".to_owned(),
                 (1, MediaMode::Off) => {
-                    "1 medium, ignored: --media attenuate, table or reference simulates it".to_owned()
+                    "1 medium, ignored: --media bounded, attenuate, table or reference simulates it"
+                        .to_owned()
                 }
                 (n, MediaMode::Off) => {
-                    format!("{n} media, ignored: --media attenuate, table or reference simulates them")
+                    format!(
+                        "{n} media, ignored: --media bounded, attenuate, table or reference simulates them"
+                    )
                 }
                 (n, MediaMode::Attenuate) => format!("{n}, weakening light"),
                 (n, MediaMode::Table) => {

@@ -30,6 +30,8 @@ pub struct Memory {
     pub tracing: u64,
     /// What building the tree needs for a moment; includes the finished tree.
     pub build: u64,
+    /// Filling the light grid of media; the filled grid counts with the stages behind it.
+    pub grid: u64,
     /// Finding the places of the irradiance cache; the filled cache counts with the stages behind it.
     pub cache: u64,
     /// The most that gathering a page needs, with the pages before it.
@@ -135,8 +137,9 @@ impl Memory {
         let unwrapped = atlas.layouts.iter().filter(|l| !l.kept);
         let layouts: u64 = atlas.layouts.iter().map(layout_bytes).sum();
 
+        let (fill, grid) = grid_bytes(plan);
         let (find, filled) = if plan.settings().caches() { cache_bytes(plan) } else { (0, 0) };
-        let (mut kept, mut gather, mut write) = (filled + SHARED_BEAMS, 0, 0);
+        let (mut kept, mut gather, mut write) = (grid + filled + SHARED_BEAMS, 0, 0);
         for load in page_loads(atlas) {
             let map = PER_LISTED * load.covered + PER_ENTRY * load.entries + PER_CORNERS * load.triangles;
             let planned = PER_COVERED_PLANNED * load.covered + PER_TEXEL_PLANNED * load.texels;
@@ -163,7 +166,8 @@ impl Memory {
             atlas: layouts,
             tracing: (World::BYTES as u64 * triangles) + tracing.bvh.bytes() as u64,
             build: BUILD_PER_TRIANGLE * triangles,
-            cache: find,
+            grid: fill,
+            cache: grid + find,
             gather,
             write,
             // The file is made in memory and then framed: two copies of what all input files hold.
@@ -174,13 +178,33 @@ impl Memory {
     /// Bytes at the peak.
     #[must_use]
     pub fn peak(&self) -> u64 {
-        let stages = self.cache.max(self.gather).max(self.write).max(self.export);
+        let stages = self.grid.max(self.cache).max(self.gather).max(self.write).max(self.export);
         self.program
             + self.scene
             + self.unwrap
             + self.atlas
             + self.build.max(self.tracing.saturating_add(stages))
     }
+}
+
+/// Where light at a node of the light grid comes from by way of another one.
+pub(crate) const PER_LINK: u64 = 28;
+
+/// Light at a node of the light grid.
+pub(crate) const PER_NODE: u64 = 108;
+
+/// What lists of links and what nodes see take beside, a node.
+const PER_NODE_FILLED: u64 = 64;
+
+/// While the light grid is filled, and when it is.
+fn grid_bytes(plan: &Plan) -> (u64, u64) {
+    let media = plan.tracing().media.as_ref().filter(|m| m.scatters());
+    let Some((fineness, media)) = plan.settings().light_grid().zip(media) else { return (0, 0) };
+    let fineness = fineness.for_media(media);
+    let nodes = u64::from(fineness.nodes);
+    // Light of two steps and their difference beside the links.
+    let filling = nodes * (u64::from(fineness.paths) * PER_LINK + 4 * PER_NODE + PER_NODE_FILLED);
+    (filling, nodes * (PER_NODE + PER_NODE_FILLED))
 }
 
 /// While the irradiance cache is found, and when it is filled.
@@ -382,6 +406,7 @@ mod tests {
             atlas: 8,
             tracing: 16,
             build: 0,
+            grid: 0,
             cache: 0,
             gather: 0,
             write: 0,

@@ -1,6 +1,7 @@
 //! Every knob of a bake with its resolved value.
 
 use crate::geom::atlas::{AtlasOptions, Density, Engine, Unwrap};
+use crate::media::Media;
 use serde_json::{Map, Value, json};
 
 /// Presets of density and samples.
@@ -69,6 +70,19 @@ pub struct Fineness {
     pub paths: u32,
     /// Most steps of scattering from node to node; `None`: as many as count.
     pub orders: Option<u32>,
+}
+
+/// Beyond this mean cosine nodes send no more paths than there, five times as many as where it is 0.
+const MOST_FORWARD: f32 = 0.8;
+
+impl Fineness {
+    /// For media that scatter forwards or backwards: they ask for directions, of which each is known from fewer paths.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of paths")]
+    pub fn for_media(self, media: &Media) -> Self {
+        let turns = 1.0 / (1.0 - media.most_forward().min(MOST_FORWARD));
+        Self { paths: (self.paths as f32 * turns) as u32, ..self }
+    }
 }
 
 /// How many paths texels get.

@@ -25,6 +25,9 @@ const DOMAIN: u64 = 0x4c47;
 /// What is still missing when the equations count as solved, as a part of the mean.
 const SOLVED: f64 = 2e-4;
 
+/// Light that has been scattered and reflected before is not more than this times what has not.
+const MOST_GAIN: f64 = 1e3;
+
 /// Most steps towards the solution.
 const STEPS: u32 = 400;
 
@@ -62,6 +65,7 @@ impl Gathering {
             })
             .collect();
         grid.look(known, &seen);
+        let fineness = fineness.for_media(media);
         Some(Self { grid, fineness, seed })
     }
 
@@ -98,7 +102,10 @@ impl Gathering {
         }
         let turns: Vec<Quat> =
             (0..self.grid.len()).map(|node| turn(sequence::key(self.seed, DOMAIN, node as u64))).collect();
-        self.grid.light = solve(&found, &turns, &directions, self.fineness.orders.unwrap_or(STEPS));
+        let steps = self.fineness.orders.unwrap_or(STEPS);
+        let forward = [1.0, 0.75, 0.5, 0.25, 0.0];
+        let solved = forward.iter().find_map(|&f| solve(&found, &turns, &directions, f, steps));
+        self.grid.light = solved.unwrap_or_else(|| found.iter().map(|f| f.light).collect());
         Ok(self.grid)
     }
 }
@@ -172,10 +179,20 @@ fn look_around(kernel: &Kernel<'_>, p: Vec3A, directions: &[Vec3A], key: u64) ->
 }
 
 /// Light at every node from what all of them found: by steps from node to node, with a leap now and then along what changes slowest.
-fn solve(found: &[Found], turns: &[Quat], directions: &[Vec3A], steps: u32) -> Vec<[Rgb; COEFFICIENTS]> {
+///
+/// Where media are thick and scatter forwards, the noise of few paths can make the directional bands grow from step to step: `None` then.
+/// `forward` multiplies the mean cosine, which makes that less likely.
+fn solve(
+    found: &[Found],
+    turns: &[Quat],
+    directions: &[Vec3A],
+    forward: f32,
+    steps: u32,
+) -> Option<Vec<[Rgb; COEFFICIENTS]>> {
     let mut light: Vec<[Rgb; COEFFICIENTS]> = found.iter().map(|f| f.light).collect();
     let share = 4.0 * PI / directions.len() as f32;
     let brightness = |l: &[Rgb; COEFFICIENTS]| f64::from(luminance(l[0].abs()));
+    let start: f64 = light.iter().map(brightness).sum();
     let mut before = f64::INFINITY;
     for step in 1..=steps {
         let next: Vec<[Rgb; COEFFICIENTS]> = found
@@ -187,7 +204,7 @@ fn solve(found: &[Found], turns: &[Quat], directions: &[Vec3A], steps: u32) -> V
                 for (link, d) in f.links.iter().zip(directions) {
                     let Some(link) = link else { continue };
                     let wi = *turn * *d;
-                    let scattered = scattering(unpack(link.direction), link.g);
+                    let scattered = scattering(unpack(link.direction), link.g * forward);
                     let arrives = link.weight * dot(&light[link.node as usize], &scattered) * share;
                     for (sum, y) in sum.iter_mut().zip(harmonics(wi)) {
                         *sum += arrives * y;
@@ -201,7 +218,10 @@ fn solve(found: &[Found], turns: &[Quat], directions: &[Vec3A], steps: u32) -> V
             next.iter().zip(&light).map(|(a, b)| std::array::from_fn(|k| a[k] - b[k])).collect();
         let size: f64 = change.iter().map(brightness).sum();
         light = next;
-        if !(0.0 < size && size.is_finite()) {
+        if !all.is_finite() || MOST_GAIN * start < all {
+            return None;
+        }
+        if size == 0.0 {
             break;
         }
         // How fast it converges takes two steps to see.
@@ -220,5 +240,61 @@ fn solve(found: &[Found], turns: &[Quat], directions: &[Vec3A], steps: u32) -> V
             before = f64::INFINITY;
         }
     }
-    light
+    Some(light)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The plan states memory without knowing this module.
+    #[test]
+    fn the_plan_knows_the_size_of_a_link() {
+        assert_eq!(size_of::<Option<Link>>() as u64, crate::plan::memory::PER_LINK);
+        assert_eq!(size_of::<[Rgb; COEFFICIENTS]>() as u64, crate::plan::memory::PER_NODE);
+    }
+
+    #[test]
+    fn directions_are_even() {
+        for n in [8, 32, 33, 160] {
+            let all = directions(n);
+            let mut sums = [0.0f32; COEFFICIENTS];
+            for d in &all {
+                assert!((d.length() - 1.0).abs() < 1e-5);
+                sums.iter_mut().zip(harmonics(*d)).for_each(|(s, y)| *s += y / n as f32);
+            }
+            assert!(sums[1..].iter().all(|s| s.abs() < 0.05), "{n}: {sums:?}");
+        }
+    }
+
+    /// Two nodes that send each other half of their light: x = 1 + x / 2 has the solution 2, and one that gains has none.
+    #[test]
+    fn links_are_solved() {
+        let directions = directions(32);
+        let ring = |weight: f32| -> Vec<Found> {
+            (0..2u32)
+                .map(|node| {
+                    let mut light = [Vec3::ZERO; COEFFICIENTS];
+                    light[0] = Vec3::ONE;
+                    let link = |d: &Vec3A| Link {
+                        node: 1 - node,
+                        direction: crate::geom::world::pack(*d),
+                        weight: Vec3::splat(weight),
+                        g: 0.0,
+                    };
+                    Found { light, links: directions.iter().map(|d| Some(link(d))).collect() }
+                })
+                .collect()
+        };
+        let turns = [Quat::IDENTITY; 2];
+        for (weight, want) in [(0.5, 2.0), (0.9, 10.0), (0.99, 100.0)] {
+            let light = solve(&ring(weight), &turns, &directions, 1.0, STEPS).expect("a solution");
+            for l in light {
+                assert!((l[0] / want - 1.0).abs().max_element() < 2e-3, "{weight}: {}", l[0]);
+            }
+        }
+        assert!(solve(&ring(1.5), &turns, &directions, 1.0, STEPS).is_none());
+        let once = solve(&ring(0.5), &turns, &directions, 1.0, 1).expect("one step");
+        assert!((once[0][0].x - 1.5).abs() < 1e-3, "{}", once[0][0]);
+    }
 }

@@ -89,7 +89,7 @@ impl<'a> Way<'a> {
         let plain = media.plain(origin, direction, length);
         let mut segments = Vec::new();
         match &plain {
-            Some((from, to, _)) if !(from < to) => return None,
+            Some((from, to, _)) if to <= from => return None,
             Some(_) => {}
             None => {
                 media.segments(origin, direction, length, &mut segments);

@@ -166,7 +166,7 @@ impl Kernel<'_> {
                 }
             };
             sum += landing.weight
-                * (arrives + self.suns_in_air((media, grid), p, at, direction, landing.g, sequence, rays));
+                * (arrives + self.suns_in_air((media, grid), (p, at), direction, landing.g, sequence, rays));
         }
         sum += self.lamp_in_air((media, grid), &way, (origin, direction), numbers, sequence, rays);
         sum / chance
@@ -233,8 +233,7 @@ impl Kernel<'_> {
     fn suns_in_air(
         &self,
         (media, grid): (&Media, &LightGrid),
-        p: Vec3A,
-        at: Inside,
+        (p, at): (Vec3A, Inside),
         direction: Vec3A,
         g: f32,
         sequence: &Sequence,
@@ -303,7 +302,7 @@ impl Kernel<'_> {
             let mut rest = a * total;
             let mut chosen = (0, 0.0);
             for i in 0..n {
-                let w = if n <= FEW { weights[i] } else { weigh(i) };
+                let w = weights.get(i).filter(|_| n <= FEW).copied().unwrap_or_else(|| weigh(i));
                 if 0.0 < w {
                     chosen = (i, w / total);
                     rest -= w;

@@ -14,8 +14,8 @@ pub const COEFFICIENTS: usize = 9;
 /// Lights of higher numbers are looked at from each place anew.
 const KNOWN: usize = 256;
 
-/// How far nodes lie inside the bounds, cells.
-const INSET: f32 = 0.02;
+/// How far the first and the last nodes lie inside the bounds, cells; not alike, so that none lies in the middle, where walls often stand.
+const INSET: [f32; 2] = [0.02, 0.05];
 
 /// What a cell knows of a light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,11 +62,6 @@ pub(crate) struct Inside {
 impl LightGrid {
     /// A dark lattice over the box from `min` to `max` of about `nodes` nodes.
     #[must_use]
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a number of cells that was clamped"
-    )]
     pub fn new(world: &World, (min, max): (Vec3, Vec3), nodes: u32) -> Self {
         let extent = (max - min).max(Vec3::splat(1e-3 * (max - min).max_element()));
         let along = |cell: f32| (extent / cell).ceil().clamp(Vec3::ONE, Vec3::splat(1024.0)).as_uvec3() + 1;
@@ -79,8 +74,8 @@ impl LightGrid {
         }
         let size = along(coarse);
         // Walls often stand where media end, and a node in a wall would see half of what it should.
-        let cell = Vec3A::from(extent) / ((size - 1).as_vec3a() + 2.0 * INSET);
-        let origin = Vec3A::from(0.5 * (min + max)) - 0.5 * cell * (size - 1).as_vec3a();
+        let cell = Vec3A::from(extent) / ((size - 1).as_vec3a() + INSET[0] + INSET[1]);
+        let origin = Vec3A::from(0.5 * (min + max) - 0.5 * extent) + INSET[0] * cell;
         let cells = (size - 1).element_product() as usize;
         let n = size.element_product() as usize;
         let mut grid = Self {

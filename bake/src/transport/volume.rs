@@ -327,6 +327,7 @@ mod tests {
     use super::*;
     use crate::scene::model::{Density, Medium, Region, Scene};
     use glam::vec3;
+    use std::f32::consts::PI;
 
     fn sequences() -> impl Iterator<Item = Sequence> {
         (0..20_000).map(|i| Sequence::new(7, i))
