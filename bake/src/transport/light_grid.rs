@@ -288,11 +288,11 @@ mod tests {
             let grid = LightGrid::new(&room(), (-extent, extent), nodes);
             let n = grid.len();
             assert!(n <= nodes as usize && nodes as usize / 3 < n, "{extent}: {n} of {nodes}");
-            let inset = grid.node(0) + Vec3A::from(extent);
-            assert!(
-                (inset / grid.cell()).cmpgt(Vec3A::ZERO).all()
-                    && (inset / grid.cell()).cmplt(Vec3A::splat(0.05)).all()
-            );
+            for axis in (0..3).filter(|a| 0.0 < extent[*a]) {
+                let ends = [grid.node(0)[axis] + extent[axis], extent[axis] - grid.node(n - 1)[axis]];
+                let inset = ends.map(|e| e / grid.cell()[axis]);
+                assert!(inset.iter().all(|i| 0.01 < *i && *i < 0.06), "{extent}: {inset:?}");
+            }
         }
     }
 
