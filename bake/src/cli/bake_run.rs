@@ -243,9 +243,11 @@ impl Job<'_> {
         let gathering = fineness.and_then(|f| Gathering::new(kernel, f, settings.seed));
         let Some(gathering) = gathering else { return Ok(None) };
         let paths = gathering.paths();
-        say::watch(self.style, "light in media", paths, monitor, self.interrupt, || {
-            gathering.fill(kernel, monitor).map(Some)
-        })
+        let grid = say::watch(self.style, "light in media", paths, monitor, self.interrupt, || {
+            gathering.fill(kernel, monitor)
+        })?;
+        input::say_light_grid(&grid);
+        Ok(Some(grid))
     }
 
     /// Gathers the irradiance cache if the plan wants it.

@@ -13,6 +13,7 @@ use crate::scene::document::Document;
 use crate::scene::gltf::{self, LightUnits, LoadOptions};
 use crate::scene::model::{LightKind, Medium, Scene};
 use crate::scene::sky::parse_sky_with_input;
+use crate::transport::light_grid::LightGrid;
 use clap::ValueEnum;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -138,6 +139,17 @@ pub(crate) fn light_grid(args: GridArgs, quality: Quality) -> Fineness {
         nodes: args.grid_nodes.unwrap_or(preset.nodes),
         paths: args.grid_paths.unwrap_or(preset.paths),
         orders: args.grid_orders,
+    }
+}
+
+/// Says where the light grid could not be solved as it should.
+pub(crate) fn say_light_grid(grid: &LightGrid) {
+    if grid.forward < 1.0 {
+        say::line(&format!(
+            "warning: light that media scatter forwards again and again grew without bound in the light grid; their g counts as {} times as \
+             much there; more --grid-paths help",
+            grid.forward
+        ));
     }
 }
 

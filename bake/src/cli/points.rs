@@ -57,10 +57,12 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
     let grid = match air {
         None => None,
         Some(air) => {
-            let paths = air.paths();
-            Some(say::watch(style, "light in media", paths, &Monitor::default(), interrupt, || {
+            let (paths, monitor) = (air.paths(), Monitor::default());
+            let grid = say::watch(style, "light in media", paths, &monitor, interrupt, || {
                 pool.install(|| air.fill(&kernel, &monitor))
-            })?)
+            })?;
+            input::say_light_grid(&grid);
+            Some(grid)
         }
     };
     let kernel = Kernel { grid: grid.as_ref(), ..kernel };

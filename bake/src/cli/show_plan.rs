@@ -8,10 +8,13 @@ use crate::cli::input;
 use crate::cli::say::{self, Interrupt, Style};
 use crate::error::Error;
 use crate::geom::texel::TexelMap;
+use crate::plan::settings::Fineness;
 use crate::plan::{self, Memory, Plan};
+use crate::solve::light_grid::Gathering;
 use crate::solve::{Monitor, lightmap};
 use crate::transport::Kernel;
 use crate::transport::cache::IrradianceCache;
+use crate::transport::light_grid::LightGrid;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::process::ExitCode;
@@ -52,11 +55,16 @@ struct Cost {
 /// Paths in each texel that is timed: enough that what every texel does once weighs little, as in a bake.
 const PROBED: u32 = 16;
 
+/// Paths from each node of a light grid that stand for all of them.
+const FEW_FROM_NODES: u32 = 4;
+
 impl Cost {
     /// Counts the texels and times a few paths in texels spread over all pages.
     fn measure(plan: &Plan) -> Result<Self, Error> {
         let learnt = learn(plan);
         let kernel = learnt.guide(kernel(plan));
+        let (grid, grid_seconds) = Self::light_grid(plan, &learnt.guide_texels(kernel))?;
+        let kernel = Kernel { grid: grid.as_ref(), ..kernel };
         let (cache, cache_seconds) = Self::cache(plan, &kernel)?;
         let kernel = Kernel { cache: cache.as_ref(), ..learnt.guide_texels(kernel) };
         let (mut covered, mut seconds, mut paths) = (0u64, 0.0, 0u64);
@@ -85,7 +93,25 @@ impl Cost {
         }
         let paths_per_second = paths.max(1) as f64 / seconds.max(1e-9);
         let all = plan.settings().paths(covered);
-        Ok(Self { covered, paths: all, seconds: all.map(|n| cache_seconds + n as f64 / paths_per_second) })
+        Ok(Self {
+            covered,
+            paths: all,
+            seconds: all.map(|n| grid_seconds + cache_seconds + n as f64 / paths_per_second),
+        })
+    }
+
+    /// A light grid of few paths, and about how long the whole one will take, seconds.
+    fn light_grid(plan: &Plan, kernel: &Kernel<'_>) -> Result<(Option<LightGrid>, f64), Error> {
+        let settings = plan.settings();
+        let Some(all) = settings.light_grid().filter(|_| kernel.media.is_some()) else {
+            return Ok((None, 0.0));
+        };
+        let few = Fineness { paths: all.paths.min(FEW_FROM_NODES), ..all };
+        let Some(gathering) = Gathering::new(kernel, few, settings.seed) else { return Ok((None, 0.0)) };
+        let start = Instant::now();
+        let grid = gathering.fill(kernel, &Monitor::default())?;
+        let seconds = start.elapsed().as_secs_f64();
+        Ok((Some(grid), seconds * f64::from(all.paths) / f64::from(few.paths)))
     }
 
     /// An irradiance cache of few paths, and about how long the whole one will take, seconds.

@@ -235,6 +235,9 @@ impl Settings {
             ("unwrap_engine", json!(engine)),
             ("irradiance_cache", json!(self.caches())),
             ("media", json!(self.media.name())),
+            ("grid_nodes", json!(self.light_grid().map(|f| f.nodes))),
+            ("grid_paths", json!(self.light_grid().map(|f| f.paths))),
+            ("grid_orders", json!(self.light_grid().and_then(|f| f.orders))),
             ("split_direct", json!(self.split_direct)),
         ];
         pairs.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()

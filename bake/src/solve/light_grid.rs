@@ -31,6 +31,9 @@ const MOST_GAIN: f64 = 1e3;
 /// Most steps towards the solution.
 const STEPS: u32 = 400;
 
+/// What mean cosines are multiplied with until there is a solution.
+const FORWARD: [f32; 5] = [1.0, 0.75, 0.5, 0.25, 0.0];
+
 /// Steps between two leaps along what changes slowest.
 const LEAP: u32 = 8;
 
@@ -102,10 +105,11 @@ impl Gathering {
         }
         let turns: Vec<Quat> =
             (0..self.grid.len()).map(|node| turn(sequence::key(self.seed, DOMAIN, node as u64))).collect();
-        let steps = self.fineness.orders.unwrap_or(STEPS);
-        let forward = [1.0, 0.75, 0.5, 0.25, 0.0];
-        let solved = forward.iter().find_map(|&f| solve(&found, &turns, &directions, f, steps));
-        self.grid.light = solved.unwrap_or_else(|| found.iter().map(|f| f.light).collect());
+        let orders = self.fineness.orders;
+        let solved = FORWARD.iter().find_map(|&f| Some((solve(&found, &turns, &directions, f, orders)?, f)));
+        // Isotropic scattering alone has a limit, but for light that no surface and no medium ever takes away.
+        (self.grid.light, self.grid.forward) =
+            solved.unwrap_or_else(|| (found.iter().map(|f| f.light).collect(), 0.0));
         Ok(self.grid)
     }
 }
@@ -118,11 +122,19 @@ fn bounds(world: &World, media: Option<(Vec3, Vec3)>) -> Option<(Vec3, Vec3)> {
         .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
     let margin = BEYOND * (scene.1 - scene.0).max_element();
     let (min, max) = match media {
-        Some((min, max)) => (min.max(scene.0 - margin), max.min(scene.1 + margin)),
-        None => scene,
+        Some((min, max)) => {
+            let near = (min.max(scene.0 - margin), max.min(scene.1 + margin));
+            // What lies wholly beside the scene is taken as it is.
+            if near.0.cmple(near.1).all() { near } else { (min, max) }
+        }
+        // Over a plane there is air as well.
+        None => {
+            let thin = (0.5 * (margin - (scene.1 - scene.0))).max(Vec3::ZERO);
+            (scene.0 - thin, scene.1 + thin)
+        }
     };
     let extent = max - min;
-    (extent.is_finite() && extent.min_element() >= 0.0 && 0.0 < extent.max_element()).then_some((min, max))
+    (extent.is_finite() && 0.0 < extent.max_element()).then_some((min, max))
 }
 
 /// Nodes lie outside the scene's bounds by this part of its size at most.
@@ -180,21 +192,22 @@ fn look_around(kernel: &Kernel<'_>, p: Vec3A, directions: &[Vec3A], key: u64) ->
 
 /// Light at every node from what all of them found: by steps from node to node, with a leap now and then along what changes slowest.
 ///
-/// Where media are thick and scatter forwards, the noise of few paths can make the directional bands grow from step to step: `None` then.
+/// Where media are thick and scatter forwards, the noise of few paths can make the directional bands grow from step to step: `None` then, unless `orders` ends
+/// it anyway.
 /// `forward` multiplies the mean cosine, which makes that less likely.
 fn solve(
     found: &[Found],
     turns: &[Quat],
     directions: &[Vec3A],
     forward: f32,
-    steps: u32,
+    orders: Option<u32>,
 ) -> Option<Vec<[Rgb; COEFFICIENTS]>> {
     let mut light: Vec<[Rgb; COEFFICIENTS]> = found.iter().map(|f| f.light).collect();
     let share = 4.0 * PI / directions.len() as f32;
     let brightness = |l: &[Rgb; COEFFICIENTS]| f64::from(luminance(l[0].abs()));
     let start: f64 = light.iter().map(brightness).sum();
     let mut before = f64::INFINITY;
-    for step in 1..=steps {
+    for step in 1..=orders.unwrap_or(STEPS) {
         let next: Vec<[Rgb; COEFFICIENTS]> = found
             .par_iter()
             .zip(turns)
@@ -222,14 +235,14 @@ fn solve(
             return None;
         }
         if size == 0.0 {
-            break;
+            return Some(light);
         }
         // How fast it converges takes two steps to see.
         let slowest = if before == f64::INFINITY { 1.0 } else { size / before };
         before = size;
         let left = slowest / (1.0 - slowest);
         if slowest < 1.0 && size * left < SOLVED * all {
-            break;
+            return Some(light);
         }
         if step % LEAP == 0 && slowest < 0.999 {
             #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
@@ -240,7 +253,8 @@ fn solve(
             before = f64::INFINITY;
         }
     }
-    Some(light)
+    // Without a limit of orders, light that still changes has none.
+    orders.map(|_| light)
 }
 
 #[cfg(test)]
@@ -288,13 +302,13 @@ mod tests {
         };
         let turns = [Quat::IDENTITY; 2];
         for (weight, want) in [(0.5, 2.0), (0.9, 10.0), (0.99, 100.0)] {
-            let light = solve(&ring(weight), &turns, &directions, 1.0, STEPS).expect("a solution");
+            let light = solve(&ring(weight), &turns, &directions, 1.0, None).expect("a solution");
             for l in light {
                 assert!((l[0] / want - 1.0).abs().max_element() < 2e-3, "{weight}: {}", l[0]);
             }
         }
-        assert!(solve(&ring(1.5), &turns, &directions, 1.0, STEPS).is_none());
-        let once = solve(&ring(0.5), &turns, &directions, 1.0, 1).expect("one step");
+        assert!(solve(&ring(1.5), &turns, &directions, 1.0, None).is_none());
+        let once = solve(&ring(0.5), &turns, &directions, 1.0, Some(1)).expect("one step");
         assert!((once[0][0].x - 1.5).abs() < 1e-3, "{}", once[0][0]);
     }
 }

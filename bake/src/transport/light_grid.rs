@@ -44,6 +44,8 @@ pub struct LightGrid {
     known: usize,
     /// What they know, cell by cell.
     seen: Vec<Seen>,
+    /// What mean cosines were multiplied with so that the light of all orders has a limit; 1 unless paths were too few.
+    pub forward: f32,
     /// Radiance at each node, x fastest, then y, then z.
     pub(crate) light: Vec<[Rgb; COEFFICIENTS]>,
 }
@@ -85,6 +87,7 @@ impl LightGrid {
             occupied: vec![false; cells],
             known: 0,
             seen: Vec::new(),
+            forward: 1.0,
             light: vec![[Vec3::ZERO; COEFFICIENTS]; n],
         };
         world.triangles().for_each(|t| grid.occupy(t));
@@ -139,15 +142,9 @@ impl LightGrid {
         self.light.is_empty()
     }
 
-    /// Nodes along each axis.
-    #[must_use]
-    pub fn size(&self) -> UVec3 {
-        self.size
-    }
-
     /// Sides of a cell, metres.
-    #[must_use]
-    pub fn cell(&self) -> Vec3A {
+    #[cfg(test)]
+    pub(crate) fn cell(&self) -> Vec3A {
         self.cell
     }
 
@@ -210,18 +207,6 @@ impl LightGrid {
                 self.seen.push(if alike && !occupied { of(0) } else { Seen::Perhaps });
             }
         }
-    }
-
-    /// Bytes that it takes.
-    #[must_use]
-    pub fn bytes(&self) -> usize {
-        size_of::<Self>() + self.occupied.len() + self.seen.len() + size_of_val(self.light.as_slice())
-    }
-
-    /// Bytes of a grid of so many nodes and lights.
-    #[must_use]
-    pub fn bytes_of(nodes: u64, lights: usize) -> u64 {
-        nodes * (size_of::<[Rgb; COEFFICIENTS]>() as u64 + 1 + Self::looks_at(lights) as u64)
     }
 }
 

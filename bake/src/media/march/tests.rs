@@ -2,8 +2,7 @@
 
 use super::*;
 use crate::scene::voxels::Sparse;
-use glam::{IVec3, UVec3, Vec3, uvec3};
-use std::time::Instant;
+use glam::{IVec3, UVec3, uvec3};
 
 /// Numbers that are the same in every run.
 struct Dice(u64);
@@ -305,79 +304,5 @@ fn grids_from_bricks_are_grids() {
         let (o, d) = dice.ray(grid.size());
         let (got, want) = (March::new(&grid, o, d).integral(0.0, 1e9), oracle(&grid, o, d, 0.0, 1e9));
         assert!((f64::from(got) - want).abs() <= 1e-6 * want + slack(&grid, o, d), "{o} {d}: {got} {want}");
-    }
-}
-
-/// Prints how long a voxel takes. Run with `--ignored --nocapture`.
-#[test]
-#[ignore = "it measures, and tests nothing"]
-#[expect(clippy::print_stderr, reason = "figures are what it is for")]
-fn speed() {
-    let mut dice = Dice(6);
-    let base = dice.next();
-    type Fill = fn(u64, UVec3) -> f32;
-    let fills: [(u32, &str, Fill); 5] = [
-        (16, "every voxel differs", |base, v| {
-            Dice(base ^ u64::from(v.x | v.y << 8 | v.z << 16)).unit() + 0.01
-        }),
-        (64, "every voxel differs", |base, v| {
-            Dice(base ^ u64::from(v.x | v.y << 8 | v.z << 16)).unit() + 0.01
-        }),
-        (256, "every voxel differs", |base, v| {
-            Dice(base ^ u64::from(v.x | v.y << 8 | v.z << 16)).unit() + 0.01
-        }),
-        (256, "a ball", |_, v| {
-            let r = (v.as_vec3() + 0.5 - 128.0).length();
-            if r < 100.0 { 100.0 - r } else { 0.0 }
-        }),
-        (256, "one density", |_, _| 1.0),
-    ];
-    for (side, name, fill) in fills {
-        let grid = Voxels::from_fn(UVec3::splat(side), usize::MAX, |v| fill(base, v)).expect("a grid");
-        let rays: Vec<(Vec3A, Vec3A)> = (0..20_000)
-            .map(|_| {
-                let mut p = || Vec3A::new(dice.unit(), dice.unit(), dice.unit()) * side as f32;
-                let (a, b) = (p(), p());
-                (a, (b - a).normalize() * 2.0)
-            })
-            .collect();
-        // Each plane crossed is one more voxel.
-        let planes: f32 = rays
-            .iter()
-            .map(|(o, d)| {
-                let end = Vec3::from(*o + *d * narrow(March::new(&grid, *o, *d).inside.1));
-                1.0 + (end - Vec3::from(*o)).abs().element_sum()
-            })
-            .sum();
-        // Short pieces, each as fast as it ever was, since other work interrupts.
-        let mut best = [0.0; 2];
-        for rays in rays.chunks(100) {
-            let least = |work: &dyn Fn() -> f32| {
-                let once = |_| {
-                    let start = Instant::now();
-                    assert!(0.0 < work());
-                    start.elapsed().as_secs_f64()
-                };
-                (0..7).map(once).fold(f64::INFINITY, f64::min)
-            };
-            best[0] += least(&|| {
-                rays.iter().map(|(o, d)| March::new(&grid, *o, *d).integral(0.0, f32::INFINITY)).sum()
-            });
-            best[1] += least(&|| {
-                let mut count = 0.0;
-                for (o, d) in rays {
-                    March::new(&grid, *o, *d).bricks(0.0, f32::INFINITY, |_, _, _, _| count += 1.0);
-                }
-                count
-            });
-        }
-        let per = best.map(|s| s * 1e9);
-        eprintln!(
-            "{side}^3, {name}: {:.2} ns a voxel, {:.0} ns a ray; {:.0} ns a ray for its bricks; {} MiB",
-            per[0] / f64::from(planes),
-            per[0] / 20e3,
-            per[1] / 20e3,
-            grid.memory() >> 20
-        );
     }
 }
