@@ -150,7 +150,9 @@ fn pictures_take_the_exposure_that_is_said() {
     let exposure = |baked: &baked::Baked| baked.manifest.exposure.unwrap();
     assert_eq!(exposure(&said), 0.25);
     assert!((exposure(&bake(&[])) - 0.18).abs() < 0.02, "the plane is 1 nit");
-    refused(&["run", "scene.glb", "--exposure", "0"], &["--exposure", "above 0"]);
+    for wrong in ["0", "-1", "nan", "dark"] {
+        refused(&["run", "scene.glb", "--exposure", wrong], &["--exposure", "above 0"]);
+    }
 }
 
 fn bytes(dir: &Path) -> BTreeMap<String, Vec<u8>> {

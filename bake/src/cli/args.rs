@@ -117,10 +117,10 @@ pub(crate) struct SettingsArgs {
 /// How fine the light grid of `--media bounded` is.
 #[derive(Clone, Copy, Debug, ClapArgs)]
 pub(crate) struct GridArgs {
-    /// Nodes of the light grid that `--media bounded` fills, about; by the preset if absent
+    /// Nodes of the light grid that `--media bounded` fills, about [default: 2048 draft, 8192 medium, 32768 high]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..=1 << 24))]
     pub(crate) grid_nodes: Option<u32>,
-    /// Paths from each of them; by the preset if absent
+    /// Paths from each of them [default: 32, high 64; up to five times as many where g is not 0]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
     pub(crate) grid_paths: Option<u32>,
     /// Most times that light is scattered on its way from node to node; without it as often as counts
@@ -153,7 +153,7 @@ pub(crate) struct RunArgs {
     pub(crate) strict: bool,
     /// Factor that pictures multiply light by before tone mapping, so that bakes can be looked at side by side;
     /// found from each picture if absent, and the manifest has that of preview.png
-    #[arg(long, value_name = "X", value_parser = exposure)]
+    #[arg(long, value_name = "X", value_parser = exposure, allow_negative_numbers = true)]
     pub(crate) exposure: Option<f32>,
     #[command(flatten)]
     pub(crate) work: WorkArgs,

@@ -4,6 +4,14 @@
 //! scattered before, a path reaches into the grid, and only one such node, the direction and its weight are kept. These links are a system of
 //! linear equations, whose solution has every order of scattering and every exchange with surfaces without another ray. So the grid needs no
 //! irradiance cache, and the cache is gathered with the grid's help.
+//!
+//! What was tried instead, in the rooms of `tests/tests/bounded.rs` (worst deviation of a point):
+//!
+//! - Gathering the grid anew with what surfaces made of it, four times, in place of links that go by way of surfaces: -5 % between grey
+//!   walls in fog of 0.5/m (eight times: -3 %), where the links leave less than 1 %.
+//! - Nodes in the plane of walls, which see half of what they should: -10 % (sun through a slab), +11 % (black walls).
+//! - Links that keep the noise of their weights: +4 to +37 % in a furnace of sigma_s x size = 10; without it 0.1 % for g up to 0, 3.5 % beyond.
+//! - Wide emitters along rays, as small ones are: -2 % in a thin furnace, by rare great values; by chance at nodes 0.2 %.
 
 use crate::error::Error;
 use crate::geom::World;
