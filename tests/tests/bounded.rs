@@ -25,19 +25,17 @@ fn mean(baked: &Baked) -> f64 {
     (sum("R") + sum("G") + sum("B")) / (3 * covered().count()) as f64
 }
 
-/// A furnace stays white whatever scatters in it: within 1 % at medium quality for sigma_s x size from 0.1 to 10 and g from -0.5 to 0, and up
-/// to 0.8 where it is thin. Thick media that scatter forwards are known to be too bright, by the noise of the nodes' directional bands.
+/// A furnace stays white whatever scatters in it: within 1 % at medium quality for sigma_s x size from 0.1 to 10 and g from -0.5 to 0.8.
 #[test]
 fn furnace_with_fog_stays_white() {
     let mut faults = Vec::new();
-    for sigma in ["0.1", "1", "[0.3, 3, 10]"] {
+    for sigma in ["0.1", "1", "10", "[0.3, 3, 10]"] {
         for g in ["-0.5", "0", "0.5", "0.8"] {
             let args = ["--samples", "128", "--texels-per-metre", "6", "--media", "bounded"];
             let medium = format!("{{ sigma_s = {sigma}, g = {g} }}");
             let off = mean(&baked(&closed::furnace(0.5, 1.0), &medium, &args)) / 2.0 - 1.0;
             println!("sigma_s {sigma}/m, g {g}: {:+.2} %", 100.0 * off);
-            let most = if g.len() > 1 && g != "-0.5" && sigma.len() > 3 { 0.05 } else { 0.01 };
-            faults.extend((most < off.abs()).then(|| format!("sigma_s {sigma}, g {g}: {off}")));
+            faults.extend((0.01 < off.abs()).then(|| format!("sigma_s {sigma}, g {g}: {off}")));
         }
     }
     assert!(faults.is_empty(), "{faults:?}");
@@ -109,9 +107,7 @@ fn bounded_agrees_with_unbiased_paths() {
             }
         }
         println!("{name}: {:.2} % beyond three standard errors", 100.0 * worst);
-        // Light that was scattered forwards more than once is smoothed by three bands.
-        let most = if name == "forwards" { 0.1 } else { 0.05 };
-        faults.extend((most < worst).then(|| format!("{name}: {worst}")));
+        faults.extend((0.04 < worst).then(|| format!("{name}: {worst}")));
     }
     assert!(faults.is_empty(), "{faults:?}");
     all.sort_by(f64::total_cmp);

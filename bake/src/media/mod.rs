@@ -15,12 +15,15 @@ use glam::{Affine3A, Vec3, Vec3A};
 use march::March;
 pub use responses::{MOST_G, Responses};
 use std::cell::RefCell;
+use std::f32::consts::FRAC_1_PI;
 use std::sync::Arc;
 
 /// All media of a scene.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Media {
     bodies: Vec<Body>,
+    /// Whether they are what [`Media::smoothed`] makes of them.
+    smooth: bool,
 }
 
 /// One of them.
@@ -120,7 +123,43 @@ impl Media {
             .filter(|m| m.sigma_s + m.sigma_a != Vec3::ZERO)
             .map(|m| Body::new(m, origin))
             .collect();
-        (!bodies.is_empty()).then_some(Self { bodies })
+        (!bodies.is_empty()).then_some(Self { bodies, smooth: false })
+    }
+
+    /// Media that let the forward peak of the phase function pass as if it were not scattered, which leaves a phase function of three bands
+    /// (delta-M, \[Wis77\]): of the Henyey-Greenstein function with g > 0 the share g^3 goes on, and what is left has the bands
+    /// (g^l - g^3) / (1 - g^3). Light that was scattered more than once has the same bands 0 to 3 as in the media themselves.
+    #[must_use]
+    pub fn smoothed(&self) -> Self {
+        let bodies = self.bodies.iter().map(|b| {
+            let peak = b.g.max(0.0).powi(3);
+            let g = if 0.0 < b.g { (b.g - peak) / (1.0 - peak) } else { b.g };
+            Body { sigma_s: b.sigma_s * (1.0 - peak), g, ..b.clone() }
+        });
+        Self { bodies: bodies.collect(), smooth: true }
+    }
+
+    /// Bands 1 and 2 of the phase function with the mean cosine `g`.
+    #[must_use]
+    #[inline]
+    pub fn bands(&self, g: f32) -> [f32; 2] {
+        if !self.smooth || g <= 0.0 {
+            return [g, g * g];
+        }
+        // Of [`Media::smoothed`] band 1 is a = (h + h^2) / (1 + h + h^2) where h is what g was, and band 2 h^2 / (1 + h + h^2).
+        let h = 0.5 * ((1.0 + 4.0 * g / (1.0 - g)).sqrt() - 1.0);
+        [g, h * h * (1.0 - g)]
+    }
+
+    /// Phase function, per steradian; `x` is the cosine between the directions of travel.
+    #[must_use]
+    #[inline]
+    pub fn phase(&self, g: f32, x: f32) -> f32 {
+        if !self.smooth || g <= 0.0 {
+            return henyey_greenstein(g, x);
+        }
+        let [a, b] = self.bands(g);
+        0.25 * FRAC_1_PI * (1.0 + 3.0 * a * x + 2.5 * b * (3.0 * x * x - 1.0))
     }
 
     /// Lower and upper corner of what holds them; `None` if that has no end.
@@ -138,6 +177,13 @@ impl Media {
     #[must_use]
     pub fn most_forward(&self) -> f32 {
         self.bodies.iter().filter(|b| b.sigma_s != Vec3::ZERO).map(|b| b.g.abs()).fold(0.0, f32::max)
+    }
+
+    /// Whether all channels scatter and lose alike.
+    #[must_use]
+    pub fn is_grey(&self) -> bool {
+        let grey = |v: Rgb| v.x == v.y && v.y == v.z;
+        self.bodies.iter().all(|b| grey(b.sigma_s) && grey(b.sigma_a))
     }
 
     /// Whether any of them scatters light.
@@ -324,6 +370,13 @@ impl Media {
         let weight = sigma_s.element_sum();
         Coefficients { sigma_s, sigma_t, g: if 0.0 < weight { forward / weight } else { 0.0 } }
     }
+}
+
+/// Henyey-Greenstein phase function, per steradian; `x` is the cosine between the directions of travel.
+#[inline]
+pub(crate) fn henyey_greenstein(g: f32, x: f32) -> f32 {
+    let d = (1.0 - g) * (1.0 - g) + 2.0 * g * (1.0 - x).max(0.0);
+    0.25 * FRAC_1_PI * (1.0 - g * g) / (d * d.sqrt())
 }
 
 /// What an optical depth leaves of light.

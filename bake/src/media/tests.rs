@@ -239,3 +239,33 @@ fn open_meshes_are_named() {
     let found = findings(&scene(false));
     assert!(found.len() == 1 && found[0].path == "cloud" && found[0].what.contains("4 edges"), "{found:?}");
 }
+
+/// What light has lost per metre of each band, sigma_t - sigma_s times the band, is the same for what delta-M makes of media; the phase function has these bands.
+#[test]
+fn smoothed_media_lose_the_same_of_each_band() {
+    for g in [-0.5f32, 0.0, 0.3, 0.8, 0.95] {
+        let m = media(vec![body(2.0, 0.5, g, cube(0.0, 1.0))]);
+        let smooth = m.smoothed();
+        let at = |m: &Media| m.plain(Vec3A::splat(0.5), Vec3A::X, 0.1).expect("one medium").2;
+        let (a, b) = (at(&m), at(&smooth));
+        let (of, to) = (m.bands(a.g), smooth.bands(b.g));
+        assert!((a.sigma_t - a.sigma_s - (b.sigma_t - b.sigma_s)).abs().max_element() < 1e-6, "absorption");
+        for (of, to) in of.into_iter().zip(to) {
+            let (lost, kept) = (a.sigma_t.x - a.sigma_s.x * of, b.sigma_t.x - b.sigma_s.x * to);
+            assert!((lost / kept - 1.0).abs() < 1e-4, "g {g}: {lost} {kept}");
+        }
+        // Bands of the phase function by quadrature.
+        let n = 20_000;
+        let mut moments = [0.0f64; 3];
+        for i in 0..n {
+            let x = (f64::from(i) + 0.5) / f64::from(n) * 2.0 - 1.0;
+            let p = f64::from(smooth.phase(b.g, x as f32)) * 4.0 * std::f64::consts::PI / f64::from(n);
+            for (m, l) in moments.iter_mut().zip([1.0, x, 1.5 * x * x - 0.5]) {
+                *m += p * l;
+            }
+        }
+        for (m, want) in moments.iter().zip([1.0, to[0], to[1]]) {
+            assert!((m - f64::from(want)).abs() < 1e-4, "g {g}: {moments:?} {to:?}");
+        }
+    }
+}

@@ -4,7 +4,7 @@ use crate::media::{Coefficients, Media, Segment};
 use crate::sample::warp::Frame;
 use crate::scene::model::Rgb;
 use glam::{Vec3, Vec3A};
-use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, PI};
+use std::f32::consts::{FRAC_PI_2, PI};
 
 /// Rays that pass a lamp by less than this part of its distance do not see its airlight.
 const THROUGH_A_LAMP: f32 = 1e-5;
@@ -118,19 +118,6 @@ impl<'a> Way<'a> {
         1.0 - self.transmittance(self.span().1).min_element()
     }
 
-    /// What a landing weighs on average: the integral of sigma_s and what is left of light, where it has a closed form.
-    pub(crate) fn scattering(&self) -> Option<Rgb> {
-        let (from, to, c) = self.plain?;
-        let part = |k: usize| {
-            if 0.0 < c.sigma_s[k] {
-                c.sigma_s[k] / c.sigma_t[k] * -(-c.sigma_t[k] * (to - from)).exp_m1()
-            } else {
-                0.0
-            }
-        };
-        Some(Vec3::new(part(0), part(1), part(2)))
-    }
-
     /// Coefficients at a place; `None` where there is no medium.
     pub(crate) fn coefficients(&self, t: f32) -> Option<Coefficients> {
         match self.plain {
@@ -176,24 +163,58 @@ impl<'a> Way<'a> {
         }
     }
 
+    /// A place by free flight in one channel, whose weight is that channel's alone and exact: of what scatters into the ray, where that is the same
+    /// part of what is lost all along it.
+    pub(crate) fn land_in(&self, channel: usize, u: f32) -> Option<Landing> {
+        match self.plain {
+            Some((from, to, c)) => {
+                if c.sigma_s[channel] <= 0.0 {
+                    return None;
+                }
+                let sigma = c.sigma_t[channel];
+                let gone = -(-sigma * (to - from)).exp_m1();
+                let at = (-(-u * gone).ln_1p() / sigma).min(to - from);
+                let weight = c.sigma_s[channel] / sigma * gone;
+                Some(Landing { at: from + at, weight: Vec3::AXES[channel] * weight, g: c.g })
+                    .filter(|l| l.weight.is_finite())
+            }
+            None => {
+                let all: f32 = self.segments.iter().map(|s| self.air().depth(*s, s.to)[channel]).sum();
+                if all <= 0.0 {
+                    return None;
+                }
+                let gone = -(-all).exp_m1();
+                let (at, _, c) = self.reach(channel, -(-u * gone).ln_1p())?;
+                let weight = c.sigma_s[channel] / c.sigma_t[channel] * gone;
+                Some(Landing { at, weight: Vec3::AXES[channel] * weight, g: c.g })
+                    .filter(|l| l.weight.is_finite() && at.is_finite())
+            }
+        }
+    }
+
     fn land_somewhere(&self, u: f32) -> Option<Landing> {
         let air = self.air();
         let all: Vec3 = self.segments.iter().map(|s| air.depth(*s, s.to)).sum();
         let gone = |k: usize| -(-all[k]).exp_m1();
         let (channel, u) = choose(|k| 0.0 < all[k], u)?;
-        let mut wanted = -(-u * gone(channel)).ln_1p();
+        let (at, depth, c) = self.reach(channel, -(-u * gone(channel)).ln_1p())?;
+        let left = (-depth).exp();
+        let density = |k: usize| if 0.0 < all[k] { c.sigma_t[k] * left[k] / gone(k) } else { 0.0 };
+        let n = (0..3).filter(|&k| 0.0 < all[k]).count() as f32;
+        let weight = c.sigma_s * left * (n / (0..3).map(density).sum::<f32>());
+        Some(Landing { at, weight, g: c.g }).filter(|l| l.weight.is_finite() && at.is_finite())
+    }
+
+    /// The place up to which one channel's optical depth is `wanted`, the depth of all channels there, and the coefficients.
+    fn reach(&self, channel: usize, mut wanted: f32) -> Option<(f32, Rgb, Coefficients)> {
+        let air = self.air();
         let mut before = Vec3::ZERO;
         for (i, &s) in self.segments.iter().enumerate() {
             let here = air.depth(s, s.to);
             if wanted < here[channel] || i + 1 == self.segments.len() {
                 let at = air.place(s, channel, wanted.min(here[channel]));
-                let left = (-(before + air.depth(s, at))).exp();
                 let c = self.media.coefficients(s, self.origin, self.direction, at);
-                let density = |k: usize| if 0.0 < all[k] { c.sigma_t[k] * left[k] / gone(k) } else { 0.0 };
-                let n = (0..3).filter(|&k| 0.0 < all[k]).count() as f32;
-                let weight = c.sigma_s * left * (n / (0..3).map(density).sum::<f32>());
-                return Some(Landing { at, weight, g: c.g })
-                    .filter(|l| l.weight.is_finite() && at.is_finite());
+                return Some((at, before + air.depth(s, at), c));
             }
             wanted -= here[channel];
             before += here;
@@ -242,12 +263,6 @@ pub(crate) fn equi_angular(
     (0.0 < pdf && pdf.is_finite() && t.is_finite()).then_some((t, pdf))
 }
 
-/// Henyey-Greenstein phase function, per steradian; `x` is the cosine between the directions of travel.
-pub(crate) fn henyey_greenstein(g: f32, x: f32) -> f32 {
-    let d = (1.0 - g) * (1.0 - g) + 2.0 * g * (1.0 - x).max(0.0);
-    0.25 * FRAC_1_PI * (1.0 - g * g) / (d * d.sqrt())
-}
-
 /// A direction of travel after scattering, by the phase function; seen from the receiver backwards, which is the same.
 pub(crate) fn henyey_greenstein_direction(direction: Vec3A, g: f32, u: [f32; 2]) -> Vec3A {
     let cos = if g.abs() < 1e-3 {
@@ -262,4 +277,56 @@ pub(crate) fn henyey_greenstein_direction(direction: Vec3A, g: f32, u: [f32; 2])
     let sin = (1.0 - cos * cos).sqrt();
     let (y, x) = (2.0 * PI * u[1]).sin_cos();
     Frame::new(direction).to_world(Vec3A::new(sin * x, sin * y, cos))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::model::{Density, Medium, Region, Scene};
+
+    /// Free flight in one channel has the weight of the whole way in that channel, and places whose mean is that of the truncated exponential; so has
+    /// free flight in all channels together, on average.
+    #[test]
+    fn landings_weigh_what_is_scattered() {
+        let (sigma_s, sigma_a) = (Vec3::new(0.3, 3.0, 0.0), Vec3::new(0.2, 0.0, 1.0));
+        let medium = |density| Medium {
+            path: String::new(),
+            sigma_s,
+            sigma_a,
+            density,
+            g: 0.5,
+            region: Region::Box { min: Vec3::ZERO, max: Vec3::splat(2.0) },
+        };
+        for density in [Density::Constant, Density::Height { base: 0.0, falloff: 1e6 }] {
+            let scene = Scene { media: vec![medium(density)], ..Scene::default() };
+            let media = Media::new(&scene, Vec3::ZERO).expect("media");
+            let way = Way::new(&media, Vec3A::new(1.0, 0.5, -1.0), Vec3A::Z, 10.0).expect("a way");
+            let n = 4096;
+            let (mut together, mut alone, mut places) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
+            for i in 0..n {
+                let u = (i as f32 + 0.5) / n as f32;
+                together += way.land(u).map_or(Vec3::ZERO, |l| l.weight) / n as f32;
+                for k in 0..3 {
+                    let Some(l) = way.land_in(k, u).filter(|l| l.weight != Vec3::ZERO) else { continue };
+                    alone[k] += l.weight[k] / n as f32;
+                    places[k] += (l.at - 1.0) / n as f32;
+                    assert!((l.weight / l.weight[k] - Vec3::AXES[k]).length() < 1e-6);
+                }
+            }
+            for k in 0..3 {
+                let (s, t) = (f64::from(sigma_s[k]), f64::from(sigma_s[k] + sigma_a[k]));
+                let gone = -(-2.0 * t).exp_m1();
+                let want = s / t * gone;
+                assert!((f64::from(alone[k]) - want).abs() < 1e-4, "{k}: {alone} {want}");
+                assert!(
+                    (f64::from(together[k]) - want).abs() < 2e-3 * want.max(1e-3),
+                    "{k}: {together} {want}"
+                );
+                if 0.0 < s {
+                    let mean = 1.0 / t - 2.0 * (-2.0 * t).exp() / gone;
+                    assert!((f64::from(places[k]) - mean).abs() < 1e-3, "{k}: {places} {mean}");
+                }
+            }
+        }
+    }
 }

@@ -5,7 +5,8 @@
 //! in the way. Whether a light is seen from there the cell of the grid mostly knows, all of its nodes being of one opinion; where they are
 //! not, a ray asks, and elsewhere one does now and then, with the difference weighed up, so that light which is scattered
 //! once has the right mean however coarse the grid is. What is left is the grid's error in light that was reflected
-//! or scattered before.
+//! or scattered before. Light of lamps comes to these places through media whose forward peak lets pass ([`crate::media::Media::smoothed`]): what was scattered
+//! before by a small angle counts as not scattered.
 
 use crate::geom::Ray;
 use crate::geom::ray::offset_distance;
@@ -15,7 +16,7 @@ use crate::light::punctual::Incident;
 use crate::media::Media;
 use crate::sample::Sequence;
 use crate::scene::model::Rgb;
-use crate::transport::air::{Way, equi_angular, henyey_greenstein, henyey_greenstein_direction};
+use crate::transport::air::{Way, equi_angular, henyey_greenstein_direction};
 use crate::transport::direct::Part;
 use crate::transport::light_grid::{Inside, LightGrid, Seen, dot, scattering};
 use crate::transport::path::{Kernel, Stage, Vertex};
@@ -40,38 +41,43 @@ pub(crate) struct Link {
     pub(crate) g: f32,
 }
 
-/// One of the links of a path, each chosen as often as it weighs.
+/// One of the links of a path, each chosen as often as it weighs; where media are coloured, one for each channel.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Links {
     /// What of the light at the path's present vertex arrives.
     pub(crate) throughput: Rgb,
-    chosen: Option<Link>,
-    total: f32,
-    /// What all links together weigh on average, channel by channel, where that is known.
+    chosen: [Option<Link>; 3],
+    total: [f32; 3],
+    /// What all links together weigh, channel by channel.
     pub(crate) expected: Rgb,
 }
 
 impl Links {
     pub(crate) fn new() -> Self {
-        Self { throughput: Vec3::ONE, chosen: None, total: 0.0, expected: Vec3::ZERO }
+        Self { throughput: Vec3::ONE, chosen: [None; 3], total: [0.0; 3], expected: Vec3::ZERO }
     }
 
-    fn offer(&mut self, link: Link, u: f32) {
+    fn offer(&mut self, channel: usize, link: Link, u: f32) {
         let weight = link.weight.max_element();
         if 0.0 < weight && weight.is_finite() {
-            self.total += weight;
-            if u * self.total < weight {
-                self.chosen = Some(link);
+            self.total[channel] += weight;
+            if u * self.total[channel] < weight {
+                self.chosen[channel] = Some(link);
             }
         }
     }
 
-    /// The link that stands for all of them.
-    pub(crate) fn chosen(&self) -> Option<Link> {
-        self.chosen
-            .map(|link| Link { weight: link.weight * (self.total / link.weight.max_element()), ..link })
+    /// The links that stand for all of them: the first for all channels, or each for one.
+    pub(crate) fn chosen(&self) -> [Option<Link>; 3] {
+        std::array::from_fn(|k| {
+            let link = self.chosen[k]?;
+            Some(Link { weight: link.weight * (self.total[k] / link.weight.max_element()), ..link })
+        })
     }
 }
+
+/// Numbers that choose the node of a landing, channel by channel.
+const LANDINGS: [u32; 3] = [1, 4, 5];
 
 /// So many lights' weights fit on the stack.
 const FEW: usize = 16;
@@ -145,18 +151,22 @@ impl Kernel<'_> {
         let mut sum = Vec3::ZERO;
         let mut links = links;
         let numbers = sequence.next4();
-        if let Some(landing) = way.land(numbers[0]) {
+        // Links are exact channel by channel, and together with their noise in common they would not be.
+        let channels = if links.is_some() && !media.is_grey() { 3 } else { 1 };
+        for channel in 0..channels {
+            let landing = if channels == 1 { way.land(numbers[0]) } else { way.land_in(channel, numbers[0]) };
+            let Some(landing) = landing else { continue };
             let p = origin + direction * landing.at;
             let at = grid.inside(p);
-            let [b, c, d, e] = sequence.coins(1);
+            let [b, c, d, e] = sequence.coins(LANDINGS[channel]);
             let arrives = match (self.node(grid, p, at, [b, c, d], rays), &mut links) {
-                (Some(node), None) => dot(grid.light(node), &scattering(direction, landing.g)),
+                (Some(node), None) => dot(grid.light(node), &scattering(direction, media.bands(landing.g))),
                 #[expect(clippy::cast_possible_truncation, reason = "fewer nodes than 2^32")]
                 (Some(node), Some((links, so_far))) => {
                     let weight = *so_far * landing.weight;
-                    links.expected += *so_far * way.scattering().unwrap_or(landing.weight);
+                    links.expected += weight;
                     let link = Link { node: node as u32, direction: pack(direction), weight, g: landing.g };
-                    links.offer(link, e);
+                    links.offer(channel, link, e);
                     Vec3::ZERO
                 }
                 (None, _) => {
@@ -253,8 +263,9 @@ impl Kernel<'_> {
                 self.unblocked(&in_air(p), light.wi, f32::INFINITY, rays)
             });
             if left != Vec3::ZERO {
-                let phase = henyey_greenstein(g, light.wi.dot(direction));
-                sum += light.illuminance * left * media.transmittance(p, light.wi, f32::INFINITY) * phase;
+                let phase = media.phase(g, light.wi.dot(direction));
+                let through = grid.media().transmittance(p, light.wi, f32::INFINITY);
+                sum += light.illuminance * left * through * phase;
             }
         }
         sum
@@ -370,8 +381,8 @@ impl Kernel<'_> {
         if left == Vec3::ZERO {
             return Vec3::ZERO;
         }
-        let phase = henyey_greenstein(here.g, light.wi.dot(direction));
-        let through = way.transmittance(t) * media.transmittance(p, light.wi, light.distance);
+        let phase = media.phase(here.g, light.wi.dot(direction));
+        let through = way.transmittance(t) * grid.media().transmittance(p, light.wi, light.distance);
         light.illuminance * left * through * here.sigma_s * (phase / pdf)
     }
 

@@ -5,6 +5,7 @@
 //! between nodes know of these lights is whether all of their nodes see one, none, or some.
 
 use crate::geom::World;
+use crate::media::Media;
 use crate::scene::model::Rgb;
 use glam::{UVec3, Vec3, Vec3A};
 
@@ -46,6 +47,8 @@ pub struct LightGrid {
     seen: Vec<Seen>,
     /// What mean cosines were multiplied with so that the light of all orders has a limit; 1 unless paths were too few.
     pub forward: f32,
+    /// The media in which nodes' light was scattered and lamps' light comes to them: [`Media::smoothed`].
+    media: Media,
     /// Radiance at each node, x fastest, then y, then z.
     pub(crate) light: Vec<[Rgb; COEFFICIENTS]>,
 }
@@ -62,9 +65,9 @@ pub(crate) struct Inside {
 }
 
 impl LightGrid {
-    /// A dark lattice over the box from `min` to `max` of about `nodes` nodes.
+    /// A dark lattice over the box from `min` to `max` of about `nodes` nodes, for smoothed media.
     #[must_use]
-    pub fn new(world: &World, (min, max): (Vec3, Vec3), nodes: u32) -> Self {
+    pub fn new(world: &World, media: Media, (min, max): (Vec3, Vec3), nodes: u32) -> Self {
         let extent = (max - min).max(Vec3::splat(1e-3 * (max - min).max_element()));
         let along = |cell: f32| (extent / cell).ceil().clamp(Vec3::ONE, Vec3::splat(1024.0)).as_uvec3() + 1;
         let count = |cell: f32| along(cell).as_dvec3().element_product();
@@ -88,6 +91,7 @@ impl LightGrid {
             known: 0,
             seen: Vec::new(),
             forward: 1.0,
+            media,
             light: vec![[Vec3::ZERO; COEFFICIENTS]; n],
         };
         world.triangles().for_each(|t| grid.occupy(t));
@@ -154,6 +158,11 @@ impl LightGrid {
     pub fn node(&self, index: usize) -> Vec3A {
         let (i, s) = (index as u32, self.size);
         self.origin + UVec3::new(i % s.x, i / s.x % s.y, i / (s.x * s.y)).as_vec3a() * self.cell
+    }
+
+    /// The media in which nodes' light was scattered, and in which light comes from suns, lamps and emitters to where it is scattered first.
+    pub(crate) fn media(&self) -> &Media {
+        &self.media
     }
 
     /// Radiance at a node.
@@ -230,13 +239,13 @@ pub(crate) fn harmonics(d: Vec3A) -> [f32; COEFFICIENTS] {
     ]
 }
 
-/// The harmonics that light is multiplied with for what is scattered into a ray with the direction `d`: those of \[Slo13\] with the bands of
-/// the Henyey-Greenstein function, g^l.
+/// The harmonics that light is multiplied with for what is scattered into a ray with the direction `d`: those of \[Slo13\] with bands 1 and 2
+/// of the phase function, [`Media::bands`].
 #[inline]
-pub(crate) fn scattering(d: Vec3A, g: f32) -> [f32; COEFFICIENTS] {
+pub(crate) fn scattering(d: Vec3A, bands: [f32; 2]) -> [f32; COEFFICIENTS] {
     let mut y = harmonics(d);
     for (k, v) in y.iter_mut().enumerate().skip(1) {
-        *v *= if k < 4 { g } else { g * g };
+        *v *= bands[usize::from(3 < k)];
     }
     y
 }
@@ -270,7 +279,7 @@ mod tests {
         for (extent, nodes) in
             [(Vec3::ONE, 1000), (Vec3::new(30.0, 3.0, 12.0), 20_000), (Vec3::new(1.0, 0.0, 2.0), 64)]
         {
-            let grid = LightGrid::new(&room(), (-extent, extent), nodes);
+            let grid = LightGrid::new(&room(), Media::default(), (-extent, extent), nodes);
             let n = grid.len();
             assert!(n <= nodes as usize && nodes as usize / 3 < n, "{extent}: {n} of {nodes}");
             for axis in (0..3).filter(|a| 0.0 < extent[*a]) {
@@ -284,7 +293,12 @@ mod tests {
     /// The corners of a point's cell, weighed trilinearly, give the point; beside the lattice the nearest one in it.
     #[test]
     fn places_lie_between_their_corners() {
-        let grid = LightGrid::new(&room(), (Vec3::new(-1.0, 0.0, 2.0), Vec3::new(3.0, 1.0, 4.0)), 300);
+        let grid = LightGrid::new(
+            &room(),
+            Media::default(),
+            (Vec3::new(-1.0, 0.0, 2.0), Vec3::new(3.0, 1.0, 4.0)),
+            300,
+        );
         for p in [[-1.0, 0.0, 2.0], [0.1, 0.2, 2.3], [2.9, 0.99, 3.9], [3.0, 1.0, 4.0], [9.0, 0.5, -7.0]] {
             let p = Vec3A::from_array(p);
             let at = grid.inside(p);

@@ -8,11 +8,12 @@
 
 use crate::geom::ray::offset_distance;
 use crate::light::punctual::Incident;
+use crate::media::henyey_greenstein;
 use crate::media::{Media, Segment};
 use crate::sample::Sequence;
 use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
 use crate::scene::model::Rgb;
-use crate::transport::air::{Air, equi_angular, henyey_greenstein, henyey_greenstein_direction};
+use crate::transport::air::{Air, equi_angular, henyey_greenstein_direction};
 use crate::transport::direct::Part;
 use crate::transport::encounter::Onward;
 use crate::transport::path::{
