@@ -117,7 +117,7 @@ pub(crate) struct SettingsArgs {
 /// How fine the light grid of `--media bounded` is.
 #[derive(Clone, Copy, Debug, ClapArgs)]
 pub(crate) struct GridArgs {
-    /// Nodes of the light grid that `--media bounded` fills, about [default: 2048 draft, 8192 medium, 32768 high]
+    /// Nodes of the light grid that `--media bounded` fills, about [default: 1024 draft, 4096 medium, 16384 high]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..=1 << 24))]
     pub(crate) grid_nodes: Option<u32>,
     /// Paths from each of them [default: 32, high 64; up to five times as many where g is not 0]

@@ -109,7 +109,7 @@ impl Crossing {
     #[must_use]
     #[inline]
     pub fn transmittance(&self) -> Rgb {
-        left(self.optical_depth)
+        attenuated(self.optical_depth)
     }
 }
 
@@ -182,8 +182,7 @@ impl Media {
     /// Whether all channels scatter and lose alike.
     #[must_use]
     pub fn is_grey(&self) -> bool {
-        let grey = |v: Rgb| v.x == v.y && v.y == v.z;
-        self.bodies.iter().all(|b| grey(b.sigma_s) && grey(b.sigma_a))
+        self.bodies.iter().all(|b| is_grey(b.sigma_s) && is_grey(b.sigma_a))
     }
 
     /// Whether any of them scatters light.
@@ -218,6 +217,7 @@ impl Media {
 
     /// Optical depth of a ray's first `t_max` metres, channel by channel; infinite where a medium goes on for ever.
     #[must_use]
+    #[inline]
     pub fn optical_depth(&self, origin: Vec3A, direction: Vec3A, t_max: f32) -> Rgb {
         let mut depth = Vec3::ZERO;
         for b in &self.bodies {
@@ -248,7 +248,7 @@ impl Media {
     /// What is left of light along a ray's first `t_max` metres.
     #[must_use]
     pub fn transmittance(&self, origin: Vec3A, direction: Vec3A, t_max: f32) -> Rgb {
-        left(self.optical_depth(origin, direction, t_max))
+        attenuated(self.optical_depth(origin, direction, t_max))
     }
 
     /// The segments of a ray's first `t_max` metres that hold a medium, in order.
@@ -379,10 +379,16 @@ pub(crate) fn henyey_greenstein(g: f32, x: f32) -> f32 {
     0.25 * FRAC_1_PI * (1.0 - g * g) / (d * d.sqrt())
 }
 
+/// Whether all channels are alike.
+#[inline]
+pub(crate) fn is_grey(v: Rgb) -> bool {
+    v.x == v.y && v.y == v.z
+}
+
 /// What an optical depth leaves of light.
 #[inline]
-fn left(depth: Rgb) -> Rgb {
-    if depth.x == depth.y && depth.y == depth.z { Vec3::splat((-depth.x).exp()) } else { (-depth).exp() }
+pub(crate) fn attenuated(depth: Rgb) -> Rgb {
+    if is_grey(depth) { Vec3::splat((-depth.x).exp()) } else { (-depth).exp() }
 }
 
 impl Body {
@@ -449,24 +455,29 @@ impl Body {
         let (from, to) = match &self.shape {
             Shape::Everywhere => (0.0, t_max),
             Shape::Box { min, max } => slabs(*min, *max, origin, direction, t_max),
-            Shape::Turned(unit_from_world) => {
-                let origin = unit_from_world.transform_point3a(origin);
-                // Not normalised, so that lengths along the ray stay what they are.
-                let direction = unit_from_world.transform_vector3a(direction);
-                slabs(Vec3::ZERO, Vec3::ONE, origin, direction, t_max)
-            }
-            Shape::Mesh(boundary) => {
-                return PARTS.with_borrow_mut(|parts| {
-                    parts.clear();
-                    boundary.inside(origin, direction, t_max, parts);
-                    parts.iter().for_each(|p| visit(p.0, p.1));
-                });
-            }
+            Shape::Turned(unit_from_world) => turned(unit_from_world, origin, direction, t_max),
+            Shape::Mesh(boundary) => return meshed(boundary, origin, direction, t_max, &mut visit),
         };
         if from < to {
             visit(from, to);
         }
     }
+}
+
+/// [`slabs`] of a box that is turned.
+fn turned(unit_from_world: &Affine3A, origin: Vec3A, direction: Vec3A, t_max: f32) -> (f32, f32) {
+    let origin = unit_from_world.transform_point3a(origin);
+    // Not normalised, so that lengths along the ray stay what they are.
+    let direction = unit_from_world.transform_vector3a(direction);
+    slabs(Vec3::ZERO, Vec3::ONE, origin, direction, t_max)
+}
+
+fn meshed(boundary: &Boundary, origin: Vec3A, direction: Vec3A, t_max: f32, visit: &mut dyn FnMut(f32, f32)) {
+    PARTS.with_borrow_mut(|parts| {
+        parts.clear();
+        boundary.inside(origin, direction, t_max, parts);
+        parts.iter().for_each(|p| visit(p.0, p.1));
+    });
 }
 
 thread_local! {
@@ -488,7 +499,12 @@ fn march<'a>(values: &'a Voxels, voxels_from_world: &Affine3A, origin: Vec3A, di
 }
 
 /// Metres of density 1 that a part of a ray is worth: the integral of the density.
+#[inline]
 fn metres(of: &Density, origin: Vec3A, direction: Vec3A, from: f32, to: f32) -> f32 {
+    if matches!(of, Density::Constant) { to - from } else { uneven_metres(of, origin, direction, from, to) }
+}
+
+fn uneven_metres(of: &Density, origin: Vec3A, direction: Vec3A, from: f32, to: f32) -> f32 {
     let falloff = match of {
         Density::Constant => return to - from,
         Density::Height { falloff, .. } => falloff,
@@ -514,6 +530,7 @@ pub fn along(sigma: Rgb, length: f32) -> Rgb {
 }
 
 /// From where to where a ray is inside a box; the first is not below the second if it never is.
+#[inline]
 fn slabs(min: Vec3, max: Vec3, origin: Vec3A, direction: Vec3A, t_max: f32) -> (f32, f32) {
     let inverse = direction.recip();
     if !inverse.is_finite() {

@@ -33,9 +33,9 @@ impl Quality {
     #[must_use]
     pub const fn light_grid(self) -> Fineness {
         let (nodes, paths) = match self {
-            Self::Draft => (1 << 11, 32),
-            Self::Medium => (1 << 13, 32),
-            Self::High => (1 << 15, 64),
+            Self::Draft => (1 << 10, 32),
+            Self::Medium => (1 << 12, 32),
+            Self::High => (1 << 14, 64),
         };
         Fineness { nodes, paths, orders: None }
     }
@@ -72,15 +72,16 @@ pub struct Fineness {
     pub orders: Option<u32>,
 }
 
-/// Beyond this mean cosine nodes send no more paths than there, five times as many as where it is 0.
-const MOST_FORWARD: f32 = 0.8;
+/// Media that scatter backwards ask for no more than this times as many paths as where g is 0, which is what the most forward ones ask for.
+const MOST_TURNS: f32 = 3.0;
 
 impl Fineness {
-    /// For media that scatter forwards or backwards: they ask for directions, of which each is known from fewer paths.
+    /// For media that scatter forwards or backwards: they ask for directions, of which each is known from fewer paths. What goes on almost straight does not count,
+    /// [`Media::smoothed`], so that there are at most [`MOST_TURNS`] times as many as where g is 0.
     #[must_use]
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of paths")]
     pub fn for_media(self, media: &Media) -> Self {
-        let turns = 1.0 / (1.0 - media.most_forward().min(MOST_FORWARD));
+        let turns = (1.0 / (1.0 - media.smoothed().most_forward())).min(MOST_TURNS);
         Self { paths: (self.paths as f32 * turns) as u32, ..self }
     }
 }

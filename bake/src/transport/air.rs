@@ -1,6 +1,6 @@
 //! Media along a ray: what is left of light, and places in them.
 
-use crate::media::{Coefficients, Media, Segment};
+use crate::media::{Coefficients, Media, Segment, attenuated, is_grey};
 use crate::sample::warp::Frame;
 use crate::scene::model::Rgb;
 use glam::{Vec3, Vec3A};
@@ -64,6 +64,26 @@ impl Air<'_> {
     }
 }
 
+/// What the media on a part of a ray do to light.
+pub(crate) struct Crossed {
+    /// What is left of it.
+    pub(crate) left: Rgb,
+    /// The part of it that does not get through, in the channel that loses most.
+    pub(crate) gone: f32,
+}
+
+/// Below this optical depth 1 - e^-x cancels.
+const THIN: f32 = 0.1;
+
+impl Crossed {
+    #[inline]
+    pub(crate) fn new(media: &Media, (origin, direction, length): (Vec3A, Vec3A, f32)) -> Self {
+        let depth = media.optical_depth(origin, direction, length);
+        let (left, most) = (attenuated(depth), depth.max_element());
+        Self { left, gone: if most < THIN { -(-most).exp_m1() } else { 1.0 - left.min_element() } }
+    }
+}
+
 /// The media along a ray, of which there may be one and no more, and then everything is in closed form.
 pub(crate) struct Way<'a> {
     media: &'a Media,
@@ -113,11 +133,6 @@ impl<'a> Way<'a> {
         }
     }
 
-    /// The part of light that does not get through, in the channel that loses most.
-    pub(crate) fn scattered(&self) -> f32 {
-        1.0 - self.transmittance(self.span().1).min_element()
-    }
-
     /// Coefficients at a place; `None` where there is no medium.
     pub(crate) fn coefficients(&self, t: f32) -> Option<Coefficients> {
         match self.plain {
@@ -132,7 +147,7 @@ impl<'a> Way<'a> {
     /// What is left of light along the first `t` metres.
     pub(crate) fn transmittance(&self, t: f32) -> Rgb {
         match self.plain {
-            Some((from, _, c)) => left(c.sigma_t, t - from),
+            Some((from, _, c)) => attenuated(c.sigma_t * (t - from)),
             None => self.air().transmittance(t),
         }
     }
@@ -142,21 +157,23 @@ impl<'a> Way<'a> {
     pub(crate) fn land(&self, u: f32) -> Option<Landing> {
         match self.plain {
             Some((from, to, c)) => {
-                let scatters = |k: usize| 0.0 < c.sigma_s[k];
-                let (channel, u) = choose(scatters, u)?;
                 let length = to - from;
                 let gone = |k: usize| -(-c.sigma_t[k] * length).exp_m1();
-                let at = -(-u * gone(channel)).ln_1p() / c.sigma_t[channel];
-                let at = at.min(length);
-                let left = left(c.sigma_t, at);
-                let grey = c.sigma_t.x == c.sigma_t.y && c.sigma_t.y == c.sigma_t.z;
-                let weight = if grey && c.sigma_s.min_element() > 0.0 {
-                    c.sigma_s * (gone(0) / c.sigma_t.x)
-                } else {
-                    let density = |k: usize| if scatters(k) { c.sigma_t[k] * left[k] / gone(k) } else { 0.0 };
-                    let n = (0..3).filter(|&k| scatters(k)).count() as f32;
-                    c.sigma_s * left * (n / (0..3).map(density).sum::<f32>())
-                };
+                let place = |gone: f32, u: f32, sigma: f32| (-(-u * gone).ln_1p() / sigma).min(length);
+                if is_grey(c.sigma_s) && is_grey(c.sigma_t) {
+                    let gone = gone(0);
+                    let weight = c.sigma_s * (gone / c.sigma_t.x);
+                    let at = from + place(gone, u, c.sigma_t.x);
+                    return Some(Landing { at, weight, g: c.g })
+                        .filter(|l| 0.0 < c.sigma_s.x && l.weight.is_finite());
+                }
+                let scatters = |k: usize| 0.0 < c.sigma_s[k];
+                let (channel, u) = choose(scatters, u)?;
+                let at = place(gone(channel), u, c.sigma_t[channel]);
+                let left = attenuated(c.sigma_t * at);
+                let density = |k: usize| if scatters(k) { c.sigma_t[k] * left[k] / gone(k) } else { 0.0 };
+                let n = (0..3).filter(|&k| scatters(k)).count() as f32;
+                let weight = c.sigma_s * left * (n / (0..3).map(density).sum::<f32>());
                 Some(Landing { at: from + at, weight, g: c.g }).filter(|l| l.weight.is_finite())
             }
             None => self.land_somewhere(u),
@@ -230,14 +247,6 @@ fn choose(holds: impl Fn(usize) -> bool, u: f32) -> Option<(usize, f32)> {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index")]
     let i = (x as usize).min(n.checked_sub(1)?);
     (0..3).filter(|&k| holds(k)).nth(i).map(|k| (k, (x - i as f32).min(1.0 - f32::EPSILON)))
-}
-
-fn left(sigma: Rgb, length: f32) -> Rgb {
-    if sigma.x == sigma.y && sigma.y == sigma.z {
-        Vec3::splat((-sigma.x * length).exp())
-    } else {
-        (-sigma * length).exp()
-    }
 }
 
 /// A place between `from` and `to` along a ray, by the angle that it is seen under from a lamp, and its density per metre.

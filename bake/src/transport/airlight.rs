@@ -16,7 +16,7 @@ use crate::light::punctual::Incident;
 use crate::media::Media;
 use crate::sample::Sequence;
 use crate::scene::model::Rgb;
-use crate::transport::air::{Way, equi_angular, henyey_greenstein_direction};
+use crate::transport::air::{Crossed, Way, equi_angular, henyey_greenstein_direction};
 use crate::transport::direct::Part;
 use crate::transport::light_grid::{Inside, LightGrid, Seen, dot, scattering};
 use crate::transport::path::{Kernel, Stage, Vertex};
@@ -26,7 +26,7 @@ use glam::{Vec3, Vec3A};
 const EAGER: f32 = 1.0;
 
 /// Share of places at which a ray asks what the cell believes to know.
-const DOUBT: f32 = 1.0 / 16.0;
+const DOUBT: f32 = 1.0 / 8.0;
 
 /// Where a path from a node reaches into the grid: light that this node gets from another one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -133,32 +133,33 @@ impl Kernel<'_> {
         }
     }
 
-    /// Radiance that media scatter into the first `length` metres of a ray, towards its origin, nits. With `links` the light that the
+    /// Radiance that media scatter into the first `length` metres of a ray, which they cross, towards its origin, nits. With `links` the light that the
     /// grid holds is left out and said there instead, by what of it arrives along a path that has come so far.
     pub(crate) fn airlight(
         &self,
         (media, grid): (&Media, &LightGrid),
         (origin, direction, length): (Vec3A, Vec3A, f32),
+        crossed: &Crossed,
         links: Option<(&mut Links, Rgb)>,
         sequence: &mut Sequence,
         rays: &mut u32,
     ) -> Rgb {
-        let Some(way) = Way::new(media, origin, direction, length) else { return Vec3::ZERO };
-        let chance = if links.is_some() { 1.0 } else { (EAGER * way.scattered()).min(1.0) };
+        let chance = if links.is_some() { 1.0 } else { (EAGER * crossed.gone).min(1.0) };
         if chance < 1.0 && chance <= sequence.coin() {
             return Vec3::ZERO;
         }
+        let Some(way) = Way::new(media, origin, direction, length) else { return Vec3::ZERO };
         let mut sum = Vec3::ZERO;
         let mut links = links;
         let numbers = sequence.next4();
         // Links are exact channel by channel, and together with their noise in common they would not be.
         let channels = if links.is_some() && !media.is_grey() { 3 } else { 1 };
-        for channel in 0..channels {
+        for (channel, purpose) in LANDINGS.into_iter().enumerate().take(channels) {
             let landing = if channels == 1 { way.land(numbers[0]) } else { way.land_in(channel, numbers[0]) };
             let Some(landing) = landing else { continue };
             let p = origin + direction * landing.at;
             let at = grid.inside(p);
-            let [b, c, d, e] = sequence.coins(LANDINGS[channel]);
+            let [b, c, d, e] = sequence.coins(purpose);
             let arrives = match (self.node(grid, p, at, [b, c, d], rays), &mut links) {
                 (Some(node), None) => dot(grid.light(node), &scattering(direction, media.bands(landing.g))),
                 #[expect(clippy::cast_possible_truncation, reason = "fewer nodes than 2^32")]
@@ -227,6 +228,20 @@ impl Kernel<'_> {
             v = (v * 9.0 + 0.618_034).fract();
         }
         None
+    }
+
+    /// A place in the box around a node that is nearer to it than to others, if the node sees it: what a node knows is a mean over its surroundings, for next to
+    /// lamps light has no bound.
+    pub(crate) fn near_node(&self, grid: &LightGrid, node: usize, u: [f32; 3], rays: &mut u32) -> Vec3A {
+        let p = grid.node(node);
+        let near = grid.near(node, u);
+        let d = near - p;
+        let t_max = d.length();
+        let free = !grid.is_occupied(grid.inside(near).cell) || {
+            *rays += 1;
+            !self.blocked(&Ray { origin: p, direction: d / t_max.max(1e-30), t_max })
+        };
+        if free { near } else { p }
     }
 
     /// How much of a light's rays gets to a place: by what the grid knows, by a ray where it does not, and by one now and then where it does.

@@ -55,7 +55,7 @@ impl Kernel<'_> {
     /// Weight of light that a direction found at an emitter; densities of that direction and of choosing the emitter, per steradian.
     pub(crate) fn emitter_through(
         &self,
-        media: &Media,
+        (media, responses): (&Media, &Responses),
         from: &Vertex,
         wi: Vec3A,
         distance: f32,
@@ -64,7 +64,6 @@ impl Kernel<'_> {
     ) -> Rgb {
         let air = media.crossing(from.position, wi, distance);
         let clear = air.transmittance() * balance(pdf, other);
-        let Some(responses) = self.responses else { return clear };
         clear
             + self.patch_glow(
                 responses,
@@ -80,7 +79,7 @@ impl Kernel<'_> {
     /// Factors of light from a surface that a direction of density `pdf` found: of what beams find as well, and of the rest.
     pub(crate) fn surface_through(
         &self,
-        media: &Media,
+        (media, responses): (&Media, &Responses),
         by_area: Option<&Responses>,
         from: &Vertex,
         wi: Vec3A,
@@ -89,7 +88,6 @@ impl Kernel<'_> {
     ) -> (Rgb, Rgb) {
         let air = media.crossing(from.position, wi, distance);
         let clear = air.transmittance();
-        let Some(responses) = self.responses else { return (clear, clear) };
         let density = per_area(pdf, wi, normal, distance);
         let glow = self.patch_glow(responses, &air, from, wi, distance, normal, 1.0);
         let over = |density: f32| if 0.0 < density { clear + glow / density } else { clear };
@@ -114,10 +112,13 @@ impl Kernel<'_> {
     }
 
     /// Weight of sky that a direction found; densities of that direction and of choosing it by the sky, per steradian.
-    pub(crate) fn sky_through(&self, media: &Media, from: &Vertex, wi: Vec3A, [pdf, other]: [f32; 2]) -> Rgb {
-        let Some(responses) = self.responses else {
-            return media.transmittance(from.position, wi, f32::INFINITY) * balance(pdf, other);
-        };
+    pub(crate) fn sky_through(
+        &self,
+        responses: &Responses,
+        from: &Vertex,
+        wi: Vec3A,
+        [pdf, other]: [f32; 2],
+    ) -> Rgb {
         if pdf <= 0.0 {
             return Vec3::ZERO;
         }

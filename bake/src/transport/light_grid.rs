@@ -165,6 +165,12 @@ impl LightGrid {
         &self.media
     }
 
+    /// A place no farther from a node than half a cell along each axis, and in the lattice.
+    pub(crate) fn near(&self, node: usize, u: [f32; 3]) -> Vec3A {
+        let end = self.origin + (self.size - 1).as_vec3a() * self.cell;
+        (self.node(node) + (Vec3A::from_array(u) - 0.5) * self.cell).clamp(self.origin, end)
+    }
+
     /// Radiance at a node.
     #[must_use]
     pub fn light(&self, node: usize) -> &[Rgb; COEFFICIENTS] {

@@ -13,6 +13,7 @@ use crate::plan::{MediaMode, Tracing};
 use crate::sample::Sequence;
 use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
 use crate::scene::model::{Rgb, Scene};
+use crate::transport::air::Crossed;
 use crate::transport::airlight::Links;
 use crate::transport::cache::IrradianceCache;
 use crate::transport::connect::{Arrival, LightVertex};
@@ -377,32 +378,33 @@ impl Kernel<'_> {
             arrival: Arrival { density: 0.0 },
             travelled: 0.0,
         };
-        let mut through = Vec3::ONE;
+        // What surfaces on the way leave of light, and what media do where they only take.
+        let (mut through, mut clear) = (Vec3::ONE, Vec3::ONE);
+        let spread = self.media.zip(self.responses);
         for _ in 0..MAX_LAYERS {
             *rays += 1;
             let hit = self.closest(&ray);
-            if let (Some(grid), Some(media)) = (self.grid, self.media) {
-                let length = hit.map_or(f32::INFINITY, |h| h.t);
-                let part = (ray.origin, wi, length);
-                // Layers that let light pass are rare, and so is the media's share before them.
-                let before = if 0.0 < travelled {
-                    through * media.transmittance(from.position, wi, travelled)
-                } else {
-                    through
-                };
-                let links = links.as_deref_mut().map(|links| {
-                    let so_far = links.throughput * before;
-                    (links, so_far)
-                });
-                leg.airlight += before * self.airlight((media, grid), part, links, sequence, rays);
+            if let (Some(media), None) = (self.media, spread) {
+                let part = (ray.origin, wi, hit.map_or(f32::INFINITY, |h| h.t));
+                let crossed = Crossed::new(media, part);
+                if let Some(grid) = self.grid {
+                    let before = through * clear;
+                    let links = links.as_deref_mut().map(|links| {
+                        let so_far = links.throughput * before;
+                        (links, so_far)
+                    });
+                    leg.airlight +=
+                        before * self.airlight((media, grid), part, &crossed, links, sequence, rays);
+                }
+                clear *= crossed.left;
             }
             let Some(hit) = hit else {
                 let sky = through * self.lights.sky.radiance(wi);
                 let other = if ON_SURFACE { self.sky_density(from, wi) } else { 0.0 };
                 leg.emitted += sky
-                    * match self.media {
-                        None => Vec3::splat(balance(pdf, other)),
-                        Some(media) => self.sky_through(media, from, wi, [pdf, other]),
+                    * match spread {
+                        None => clear * balance(pdf, other),
+                        Some((_, responses)) => self.sky_through(responses, from, wi, [pdf, other]),
                     };
                 return leg;
             };
@@ -417,11 +419,11 @@ impl Kernel<'_> {
                 };
                 let emission = through * met.shade.emission;
                 leg.emitted += emission
-                    * match self.media {
-                        None => Vec3::splat(balance(pdf, other)),
-                        Some(media) => {
+                    * match spread {
+                        None => clear * balance(pdf, other),
+                        Some(spread) => {
                             let densities = [pdf, other];
-                            self.emitter_through(media, from, wi, travelled, met.normal(), densities)
+                            self.emitter_through(spread, from, wi, travelled, met.normal(), densities)
                         }
                     };
             }
@@ -436,11 +438,13 @@ impl Kernel<'_> {
                     leg.arrival = Arrival { density: pdf * cos.max(0.0) / (travelled * travelled) };
                     let reflectance = through * reflectance;
                     leg.next = (reflectance != Vec3::ZERO).then_some((vertex, reflectance));
-                    if let Some(media) = self.media {
-                        let far = [travelled, pdf];
-                        (leg.lit, leg.rest) =
-                            self.surface_through(media, by_area, from, wi, far, vertex.geometric_normal);
-                    }
+                    (leg.lit, leg.rest) = match spread {
+                        None => (clear, clear),
+                        Some(spread) => {
+                            let far = [travelled, pdf];
+                            self.surface_through(spread, by_area, from, wi, far, vertex.geometric_normal)
+                        }
+                    };
                     return leg;
                 }
             }
