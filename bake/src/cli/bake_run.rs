@@ -8,12 +8,12 @@ use crate::error::{Error, Finding};
 use crate::geom::texel::TexelMap;
 use crate::output::folder::Staging;
 use crate::output::page::{Page, PageStats};
-use crate::output::{assemble, exr, preview, record, scene_glb, view};
+use crate::output::{self, assemble, exr, preview, record, scene_glb, view};
 use crate::plan::settings::Sampling;
 use crate::plan::{self, Plan};
 use crate::solve::accumulate::Gate;
 use crate::solve::cache::Cells;
-use crate::solve::light_grid::Gathering;
+use crate::solve::light_grid::{Gathering, all_light};
 use crate::solve::pilot::{self, Learnt};
 use crate::solve::{Monitor, facing, lightmap, schedule};
 use crate::transport::cache::IrradianceCache;
@@ -68,6 +68,7 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
         let mut watch = job.watch;
         let mut manifest = record::manifest(&plan, &input.document.inputs(), &baked.figures, &baked.gate);
         manifest.exposure = Some(exposure);
+        manifest.light_grid = baked.light_grid;
         let error = manifest.error;
         watch.lap("write");
         interrupt.check()?;
@@ -141,6 +142,7 @@ struct Baked {
     figures: Vec<record::PageFigures>,
     gate: Gate,
     monitor: Monitor,
+    light_grid: Option<tables::format::manifest::LightGrid>,
 }
 
 impl Job<'_> {
@@ -152,6 +154,7 @@ impl Job<'_> {
             figures: Vec::new(),
             gate: Gate::default(),
             monitor: Monitor::default(),
+            light_grid: None,
         };
         self.style.stage("plan", &announce(self.plan, self.memory));
         let learnt = learn(self.plan);
@@ -159,6 +162,11 @@ impl Job<'_> {
         self.watch.lap("pilot");
         let grid = self.light_grid(&learnt.guide_texels(kernel), &baked.monitor)?;
         let kernel = Kernel { grid: grid.as_ref(), ..kernel };
+        if let Some(grid) = &grid {
+            let light = all_light(&kernel, grid, settings.seed);
+            let origin = self.plan.tracing().world.origin;
+            baked.light_grid = Some(output::light_grid::write(self.staging, grid, origin, &light)?);
+        }
         self.watch.lap("light grid");
         let cache = self.cache(&kernel, &baked.monitor)?;
         // Whether no light at all reaches a side is a question to paths alone.

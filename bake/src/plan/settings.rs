@@ -77,7 +77,7 @@ const MOST_TURNS: f32 = 3.0;
 
 impl Fineness {
     /// For media that scatter forwards or backwards: they ask for directions, of which each is known from fewer paths. What goes on almost straight does not count,
-    /// [`Media::smoothed`], so that there are at most [`MOST_TURNS`] times as many as where g is 0.
+    /// [`Media::smoothed`], so that there are at most three times as many as where g is 0.
     #[must_use]
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of paths")]
     pub fn for_media(self, media: &Media) -> Self {

@@ -136,6 +136,44 @@ impl Gathering {
     }
 }
 
+/// Places around each node at which suns and lamps are looked at for [`all_light`].
+const PLACES: u32 = 16;
+
+/// Directions in which nodes look for the backs of surfaces.
+const LOOKS: u32 = 32;
+
+/// A node that sees so many backs of surfaces is inside of something.
+const BACKS: usize = LOOKS as usize / 4;
+
+/// Radiance at the nodes with what suns, lamps and emissive surfaces bring straight away, as far as the game does not add it: what a shader needs to light fog. `None` for
+/// nodes inside of solid things.
+#[must_use]
+pub fn all_light(kernel: &Kernel<'_>, grid: &LightGrid, seed: u64) -> Vec<Option<[Rgb; COEFFICIENTS]>> {
+    let directions = directions(LOOKS);
+    (0..grid.len())
+        .into_par_iter()
+        .map(|node| {
+            let backs = |d: &&Vec3A| kernel.meets_back(grid.node(node), **d);
+            if BACKS < directions.iter().filter(backs).count() {
+                return None;
+            }
+            let key = sequence::key(seed, DOMAIN ^ 0xff00, node as u64);
+            let mut light = *grid.light(node);
+            for place in 0..PLACES {
+                let mut sequence = Sequence::new(key, place);
+                let [a, b, c, _] = sequence.next4();
+                let p = kernel.near_node(grid, node, [a, b, c], &mut 0);
+                kernel.straight_to(grid, p, &mut sequence, &mut 0, |wi, illuminance| {
+                    for (sum, y) in light.iter_mut().zip(harmonics(wi)) {
+                        *sum += illuminance * (y / PLACES as f32);
+                    }
+                });
+            }
+            Some(light)
+        })
+        .collect()
+}
+
 /// Where nodes lie: around the media, as far as there are surfaces and a little beyond.
 fn bounds(world: &World, media: Option<(Vec3, Vec3)>) -> Option<(Vec3, Vec3)> {
     let scene = world

@@ -11,7 +11,7 @@
 use crate::geom::Ray;
 use crate::geom::ray::offset_distance;
 use crate::geom::world::{luminance, pack};
-use crate::light::emitters::Group;
+use crate::light::emitters::{Group, GroupSample};
 use crate::light::punctual::Incident;
 use crate::media::Media;
 use crate::sample::Sequence;
@@ -374,18 +374,10 @@ impl Kernel<'_> {
                 let at = self.lights.emitters.sample_group(group, v, [e, f]);
                 let place = equi_angular(at.position - origin, direction, from, to, u);
                 let Some((t, _)) = place else { return Vec3::ZERO };
-                let d = at.position - (origin + direction * t);
-                let distance = d.length();
-                let wi = d / distance;
-                let cos = -wi.dot(at.normal);
-                let cos = if at.both_sides { cos.abs() } else { cos };
-                if !(0.0 < cos && wi.is_finite()) {
+                let Some((light, reach)) = self.group_at(&at, origin + direction * t) else {
                     return Vec3::ZERO;
-                }
-                let emission = self.world.shade(self.scene, at.triangle, at.bary).emission;
-                let illuminance = emission * (cos / (distance * distance * at.pdf));
-                let offset = self.world.point(at.triangle, at.bary).offset;
-                (*i, place, Incident { wi, distance, illuminance }, distance - 2.0 * offset)
+                };
+                (*i, place, light, reach)
             }
         };
         let Some((t, pdf)) = place else { return Vec3::ZERO };
@@ -399,6 +391,81 @@ impl Kernel<'_> {
         let phase = media.phase(here.g, light.wi.dot(direction));
         let through = way.transmittance(t) * grid.media().transmittance(p, light.wi, light.distance);
         light.illuminance * left * through * here.sigma_s * (phase / pdf)
+    }
+
+    /// What a place on an emissive surface, which stands for all of it, brings to a place in the air, and how far a ray may go that asks for it.
+    fn group_at(&self, at: &GroupSample, p: Vec3A) -> Option<(Incident, f32)> {
+        let d = at.position - p;
+        let distance = d.length();
+        let wi = d / distance;
+        let cos = -wi.dot(at.normal);
+        let cos = if at.both_sides { cos.abs() } else { cos };
+        if !(0.0 < cos && wi.is_finite()) {
+            return None;
+        }
+        let emission = self.world.shade(self.scene, at.triangle, at.bary).emission;
+        let illuminance = emission * (cos / (distance * distance * at.pdf));
+        let offset = self.world.point(at.triangle, at.bary).offset;
+        Some((Incident { wi, distance, illuminance }, distance - 2.0 * offset))
+    }
+
+    /// Light that comes straight to a place in the air, a direction and an illuminance each, lux: of suns, of lamps and of emissive surfaces that grids do not hold.
+    /// Lights whose direct part the game adds are left out. Of many one stands for all.
+    pub(crate) fn straight_to(
+        &self,
+        grid: &LightGrid,
+        p: Vec3A,
+        sequence: &mut Sequence,
+        rays: &mut u32,
+        mut visit: impl FnMut(Vec3A, Rgb),
+    ) {
+        let l = self.lights;
+        let mut see = |light: &Incident, reach: f32, weight: f32, rays: &mut u32| {
+            let left = self.unblocked(&in_air(p), light.wi, reach, rays);
+            if left != Vec3::ZERO {
+                let through = grid.media().transmittance(p, light.wi, light.distance);
+                visit(light.wi, light.illuminance * left * through * weight);
+            }
+        };
+        let [a, b, c, d] = sequence.next4();
+        let [e, f, _, _] = sequence.next4();
+        for sun in l.suns.iter().filter(|s| !s.indirect_only) {
+            see(&sun.sample([a, b]), f32::INFINITY, 1.0, rays);
+        }
+        let lamps =
+            || l.punctual.iter().filter(|lamp| !lamp.indirect_only).filter_map(|lamp| lamp.incident(p));
+        if l.punctual.len() <= FEW {
+            for light in lamps() {
+                see(&light, reach(p, light.wi * light.distance), 1.0, rays);
+            }
+        } else {
+            let all: f32 = lamps().map(|light| luminance(light.illuminance)).sum();
+            let mut rest = c * all;
+            for light in lamps() {
+                let weight = luminance(light.illuminance);
+                rest -= weight;
+                if rest < 0.0 {
+                    see(&light, reach(p, light.wi * light.distance), all / weight, rays);
+                    break;
+                }
+            }
+        }
+        let groups = l.emitters.groups();
+        let weigh = |g: &Group| g.intensity / (g.centre - p).length_squared().max(g.radius * g.radius);
+        let all: f32 = groups.iter().map(weigh).sum();
+        let mut rest = d * all;
+        for group in groups {
+            let weight = weigh(group);
+            rest -= weight;
+            if rest < 0.0 {
+                let [w, ..] = sequence.next4();
+                let at = l.emitters.sample_group(group, e, [f, w]);
+                if let Some((light, reach)) = self.group_at(&at, p) {
+                    see(&light, reach, all / weight, rays);
+                }
+                break;
+            }
+        }
     }
 
     /// Radiance that arrives at a place in the air from `wi`, but for what suns, lamps and emitters bring straight away. With

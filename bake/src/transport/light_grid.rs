@@ -146,9 +146,15 @@ impl LightGrid {
         self.light.is_empty()
     }
 
+    /// Nodes along each axis.
+    #[must_use]
+    pub fn size(&self) -> UVec3 {
+        self.size
+    }
+
     /// Sides of a cell, metres.
-    #[cfg(test)]
-    pub(crate) fn cell(&self) -> Vec3A {
+    #[must_use]
+    pub fn cell(&self) -> Vec3A {
         self.cell
     }
 

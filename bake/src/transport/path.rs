@@ -331,6 +331,14 @@ impl Kernel<'_> {
         (first, hit.t, wi)
     }
 
+    /// Whether a ray from a place in the air meets the back of a surface that has only a front.
+    pub(crate) fn meets_back(&self, origin: Vec3A, direction: Vec3A) -> bool {
+        self.closest(&Ray { origin, direction, t_max: f32::INFINITY }).is_some_and(|hit| {
+            let double_sided = self.world.material(self.scene, hit.triangle).double_sided;
+            !double_sided && 0.0 < direction.dot(self.world.geometric_normal(hit.triangle))
+        })
+    }
+
     /// Follows a ray through whatever lets light pass, to the next reflection or the sky. `by_area` says that [`Kernel::by_area`]
     /// may find its end as well. With `links` the grid's
     /// light is left out and said there.

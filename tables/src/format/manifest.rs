@@ -96,6 +96,9 @@ pub struct Manifest {
     /// What `preview.png` multiplied light by before tone mapping, 1/nit: 0.18 over the luminance of an average place.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposure: Option<f32>,
+    /// Light in participating media, where it was found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub light_grid: Option<LightGrid>,
     /// Light probe sets; empty until there are any.
     #[serde(default)]
     pub probes: Vec<Value>,
@@ -250,6 +253,25 @@ pub struct UvRect {
     pub max: [f32; 2],
 }
 
+/// Light at the nodes of a lattice, a texture that fog shaders sample.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LightGrid {
+    /// File name of the texture.
+    pub file: String,
+    /// Nodes along x, y and z.
+    pub size: [u32; 3],
+    /// Slices of one of the texture's seven blocks along z.
+    pub slices: u32,
+    /// Where the first node is, metres in the scene's axes.
+    pub first: [f32; 3],
+    /// Distances of nodes along x, y and z, metres.
+    pub cell: [f32; 3],
+    /// Nodes inside of solid things, which hold nothing.
+    pub inside: u64,
+    /// Values too great for a half float.
+    pub clamped: u64,
+}
+
 /// One light and what was baked of it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Light {
@@ -376,6 +398,7 @@ impl Manifest {
             error: ErrorFigure::default(),
             counts: Counts::default(),
             exposure: None,
+            light_grid: None,
             probes: Vec::new(),
             files: Vec::new(),
         }
