@@ -222,3 +222,24 @@ pub fn quad_lamp(edge: f32, emission: f32, textured: bool) -> Vec<u8> {
     glb.node(Node::new("lamp").mesh(mesh));
     glb.finish()
 }
+
+/// A closed white corridor, 2 m wide and 2.5 m high, of two arms of 4 m around a corner; the lamp at the end of one is not seen from the end of the other.
+#[must_use]
+pub fn corner() -> Vec<u8> {
+    let mut glb = Glb::new();
+    let white = glb.material(&Material::matte("white", [0.6, 0.6, 0.5]));
+    let mut add = |name: &str, shape: &Shape| {
+        let mesh = glb.mesh(name, &[(shape, white)]);
+        glb.node(Node::new(name).mesh(mesh));
+    };
+    let mut walls = Shape::default();
+    walls.cuboid([-2.0, 0.0, -2.0], [2.0, 2.5, 2.0], ALL);
+    add("walls", &walls.inside_out());
+    let mut block = Shape::default();
+    block.cuboid([0.0, -0.1, 0.0], [2.1, 2.6, 2.1], ALL);
+    add("block", &block);
+    let mut node = Node::new("lamp").at([-1.0, 2.0, 1.7]);
+    node.light = Some(glb.light("lamp", Kind::Point, [1.0; 3], 100.0));
+    glb.node(node);
+    glb.finish()
+}

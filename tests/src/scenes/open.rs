@@ -135,6 +135,23 @@ pub fn glass_pane(transmission: f32, tint: [f32; 3]) -> Vec<u8> {
     glb.finish()
 }
 
+/// A plane of 20 m with a wall 3 m high and 6 m long, under a low sun, a sky and a lamp behind the wall.
+#[must_use]
+pub fn wall_outdoors() -> Vec<u8> {
+    let mut glb = Glb::new();
+    floor(&mut glb, 20.0, 4, 0.5);
+    let material = glb.material(&Material::matte("wall", [0.6, 0.5, 0.4]));
+    let mut wall = Shape::default();
+    wall.cuboid([-3.0, 0.0, -0.2], [3.0, 3.0, 0.2], NO_BOTTOM);
+    let mesh = glb.mesh("wall", &[(&wall, material)]);
+    glb.node(Node::new("wall").mesh(mesh));
+    lamp(&mut glb, Kind::Point, [1.0, 0.8, 0.6], 20.0, Node::new("lamp").at([0.0, 1.5, -1.5]));
+    let down = Node::new("sun").turned(looking(Vec3::new(0.3, -0.5, -0.8)));
+    lamp(&mut glb, Kind::Directional, [1.0, 0.9, 0.7], 30.0, down);
+    glb.scene_extra("sky", json!([1.0, 1.5, 2.5]));
+    glb.finish()
+}
+
 /// A lamp of `candela` at a height of `height` metres in fog without end, and nothing else but a black speck 30 m away.
 #[must_use]
 pub fn lamp_in_fog(height: f32, candela: f32, fog: &Value) -> Vec<u8> {
