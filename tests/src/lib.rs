@@ -4,6 +4,7 @@ use std::{env, path::PathBuf};
 
 pub mod baked;
 pub mod gltf;
+pub mod rooms;
 pub mod scenes;
 pub mod shape;
 pub mod stats;
