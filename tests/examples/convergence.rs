@@ -30,7 +30,7 @@ struct Panel {
 fn main() -> Result<(), Box<dyn Error>> {
     let Some(rooms) = rooms::all("convergence") else { return Ok(()) };
     let file = std::env::args().nth(1).ok_or("name a PNG")?;
-    let quiet = "0.002";
+    let quiet = "0.005";
     let bias = |room: &Foggy, nodes: u32, paths: u32, orders: u32| {
         let words = [nodes, paths, orders].map(|n| n.to_string());
         let [n, p, o] = words.each_ref().map(String::as_str);
