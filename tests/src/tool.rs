@@ -46,7 +46,11 @@ impl std::fmt::Display for Finished {
 fn profile_dir() -> PathBuf {
     let exe = env::current_exe().expect("a test knows where it is");
     let dir = exe.parent().expect("a file is in a folder");
-    if dir.ends_with("deps") || dir.ends_with("examples") { dir.parent().unwrap_or(dir).into() } else { dir.into() }
+    if dir.ends_with("deps") || dir.ends_with("examples") {
+        dir.parent().unwrap_or(dir).into()
+    } else {
+        dir.into()
+    }
 }
 
 /// Path of a tool of this workspace, built with this test's profile: a test of one package does not build the others'.
