@@ -202,6 +202,18 @@ pub fn baked(scene: &[u8], args: &[&str]) -> crate::baked::Baked {
     crate::baked::Baked::read(&out).unwrap_or_else(|e| panic!("{e}\n{done}"))
 }
 
+/// [`baked`] with one medium, in the words of a configuration file.
+///
+/// # Panics
+/// If there is no bake.
+#[must_use]
+pub fn baked_in(scene: &[u8], medium: &str, args: &[&str]) -> crate::baked::Baked {
+    let dir = tempfile::tempdir().expect("a folder");
+    let config = dir.path().join("fog.toml");
+    std::fs::write(&config, format!("media = [{medium}]\n")).expect("a file");
+    baked(scene, &[args, &["--config", config.to_str().expect("a path")]].concat())
+}
+
 /// Irradiance and its standard error at points with normals, by `bake points` with the given arguments; lux.
 ///
 /// # Panics

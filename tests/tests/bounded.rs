@@ -9,15 +9,6 @@ use suite::scenes::closed::{self, Room};
 use suite::scenes::open;
 use suite::tool;
 
-/// A bake of a scene with one medium.
-fn baked(scene: &[u8], medium: &str, args: &[&str]) -> Baked {
-    let dir = tempfile::tempdir().expect("a folder");
-    let config = dir.path().join("fog.toml");
-    std::fs::write(&config, format!("media = [{medium}]\n")).expect("a file");
-    let config = config.to_str().expect("a path").to_owned();
-    tool::baked(scene, &[args, &["--config", &config]].concat())
-}
-
 /// Mean luminance over all covered texels.
 fn mean(baked: &Baked) -> f64 {
     let page = &baked.pages[0];
@@ -34,7 +25,7 @@ fn furnace_with_fog_stays_white() {
         for g in ["-0.5", "0", "0.5", "0.8"] {
             let args = ["--samples", "128", "--texels-per-metre", "6", "--media", "bounded"];
             let medium = format!("{{ sigma_s = {sigma}, g = {g} }}");
-            let off = mean(&baked(&closed::furnace(0.5, 1.0), &medium, &args)) / 2.0 - 1.0;
+            let off = mean(&tool::baked_in(&closed::furnace(0.5, 1.0), &medium, &args)) / 2.0 - 1.0;
             println!("sigma_s {sigma}/m, g {g}: {:+.2} %", 100.0 * off);
             faults.extend((0.01 < off.abs()).then(|| format!("sigma_s {sigma}, g {g}: {off}")));
         }
@@ -49,7 +40,7 @@ fn fog_does_not_leak() {
         for nodes in ["500", "8192"] {
             let args =
                 ["--samples", "64", "--texels-per-metre", "9", "--media", "bounded", "--grid-nodes", nodes];
-            let baked = baked(&closed::two_rooms(thickness), "{ sigma_s = 0.5, g = 0.3 }", &args);
+            let baked = tool::baked_in(&closed::two_rooms(thickness), "{ sigma_s = 0.5, g = 0.3 }", &args);
             let lit = baked.node_means()["lit room"][0].max_element();
             let dark = f64::from(baked.node_max("dark room"));
             println!("wall of {thickness} m, {nodes} nodes: {dark} nits in the dark, {lit} in the light");

@@ -11,6 +11,9 @@ use suite::scenes::{closed, open};
 use suite::tool;
 use tables::harmonics::real::basis;
 
+/// What bakes take whose lightmaps nobody looks at.
+const COARSE: [&str; 4] = ["--samples", "4", "--texels-per-metre", "4"];
+
 /// The texture with what the manifest says of it.
 struct Grid {
     size: UVec3,
@@ -71,11 +74,8 @@ impl Grid {
 /// In a furnace light comes evenly from everywhere: coefficient 0 is sqrt(4 pi) times 2 nits, the others are 0.
 #[test]
 fn a_furnace_is_even() {
-    let dir = tempfile::tempdir().expect("a folder");
-    let config = dir.path().join("fog.toml");
-    std::fs::write(&config, "media = [{ sigma_s = 1, g = 0.5 }]\n").expect("a file");
-    let args = ["--samples", "4", "--texels-per-metre", "4", "--config", config.to_str().expect("a path")];
-    let grid = Grid::of(&tool::baked(&closed::furnace(0.5, 1.0), &args));
+    let scene = closed::furnace(0.5, 1.0);
+    let grid = Grid::of(&tool::baked_in(&scene, "{ sigma_s = 1, g = 0.5 }", &COARSE));
     let want = 2.0 * (4.0 * PI).sqrt();
     let (mut mean, mut n) = (0.0, 0.0);
     for node in grid.nodes() {
@@ -118,11 +118,7 @@ fn a_lamp_shines_from_its_place() {
 /// Nodes of a dark room know nothing of the bright one beside it, and nodes between the walls of both say so.
 #[test]
 fn dark_rooms_stay_dark() {
-    let dir = tempfile::tempdir().expect("a folder");
-    let config = dir.path().join("fog.toml");
-    std::fs::write(&config, "media = [{ sigma_s = 0.5 }]\n").expect("a file");
-    let args = ["--samples", "4", "--texels-per-metre", "4", "--config", config.to_str().expect("a path")];
-    let grid = Grid::of(&tool::baked(&closed::two_rooms(0.3), &args));
+    let grid = Grid::of(&tool::baked_in(&closed::two_rooms(0.3), "{ sigma_s = 0.5 }", &COARSE));
     let (mut lit, mut dark, mut solid) = (Vec::new(), 0.0f32, 0);
     for node in grid.nodes() {
         let p = grid.place(node);
@@ -147,7 +143,13 @@ fn dark_rooms_stay_dark() {
 /// Without media that scatter, or in another mode, there is no grid.
 #[test]
 fn grids_are_written_where_there_is_fog() {
-    let args = ["--samples", "1", "--texels-per-metre", "2"];
-    let clear = tool::baked(&closed::furnace(0.5, 1.0), &args);
-    assert!(clear.manifest.light_grid.is_none() && !clear.files.contains_key("light-grid.ktx2"));
+    let scene = closed::furnace(0.5, 1.0);
+    let has = |medium: &str, media: &str| {
+        let baked = tool::baked_in(&scene, medium, &[&COARSE[..], &["--media", media]].concat());
+        assert_eq!(baked.manifest.light_grid.is_some(), baked.files.contains_key("light-grid.ktx2"));
+        baked.manifest.light_grid.is_some()
+    };
+    assert!(has("{ sigma_s = 1 }", "bounded"));
+    assert!(!has("{ sigma_a = 1 }", "bounded"));
+    assert!(!has("{ sigma_s = 1 }", "attenuate"));
 }

@@ -179,10 +179,11 @@ impl Media {
         self.bodies.iter().filter(|b| b.sigma_s != Vec3::ZERO).map(|b| b.g.abs()).fold(0.0, f32::max)
     }
 
-    /// Whether all channels scatter and lose alike.
+    /// Channels that have to be followed apart: 1 where all scatter and lose alike, else 3.
     #[must_use]
-    pub fn is_grey(&self) -> bool {
-        self.bodies.iter().all(|b| is_grey(b.sigma_s) && is_grey(b.sigma_a))
+    pub fn channels(&self) -> usize {
+        let grey = self.bodies.iter().all(|b| is_grey(b.sigma_s) && is_grey(b.sigma_a));
+        if grey { 1 } else { 3 }
     }
 
     /// Whether any of them scatters light.

@@ -3,8 +3,9 @@
 //! `light-grid.ktx2` is a three-dimensional texture of half floats, seven blocks of slices one behind the other along z. Texel `rgb` of block k, 0 to 6, is
 //! coefficient k of the radiance at a node, nits, in real spherical harmonics (\[Slo13\], the order and signs of [`tables::harmonics`]: 1, y, z, x,
 //! xy, yz, 3z^2 - 1, xz, x^2 - y^2); of coefficients 7 and 8 the `a` of blocks 0 to 2 and 3 to 5 have red, green and blue. The `a` of block 6 is 1, and all
-//! is 0 at nodes inside of solid things: dividing by what is interpolated of it leaves them out. The first and the last slice of each block
-//! are there twice, so that linear filtering never mixes blocks. The manifest says where nodes are, see [`manifest::LightGrid`].
+//! is 0 at nodes inside of solid things, which see the backs of surfaces in more than a quarter of all directions: dividing by what is interpolated of it leaves them out. The first and the last slice of each block
+//! are there twice, so that linear filtering never mixes blocks. Graphics cards take 2,048 slices, mostly: a lattice of more than 290 nodes along z, as of very long
+//! corridors, is beyond that. The manifest says where nodes are, see [`manifest::LightGrid`].
 //!
 //! The light is all that arrives, emitted, reflected or scattered, but the direct light of lights that the game adds itself. What a view ray with the direction d (away from the eye)
 //! gains per metre is sigma_s times the sum of coefficients, those of band l times g^l, times the harmonics of d; where g is above 0 see

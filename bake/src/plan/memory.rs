@@ -203,7 +203,8 @@ fn grid_bytes(plan: &Plan) -> (u64, u64) {
     let fineness = fineness.for_media(media);
     let nodes = u64::from(fineness.nodes);
     // Light of two steps and their difference beside the links.
-    let filling = nodes * (u64::from(fineness.paths) * PER_LINK + 4 * PER_NODE + PER_NODE_FILLED);
+    let links = u64::from(fineness.paths) * media.channels() as u64;
+    let filling = nodes * (links * PER_LINK + 4 * PER_NODE + PER_NODE_FILLED);
     (filling, nodes * (PER_NODE + PER_NODE_FILLED))
 }
 

@@ -228,7 +228,7 @@ fn look_around(
     key: u64,
 ) -> (Found, u64) {
     let turn = turn(key);
-    let channels = kernel.media.map_or(1, channels);
+    let channels = kernel.media.map_or(1, Media::channels);
     let links = Vec::with_capacity(channels * directions.len());
     let mut found = Found { light: [Vec3::ZERO; COEFFICIENTS], links };
     let mut rays = 0;
@@ -259,11 +259,6 @@ fn look_around(
     (found, u64::from(rays))
 }
 
-/// Links of one path.
-fn channels(media: &Media) -> usize {
-    if media.is_grey() { 1 } else { 3 }
-}
-
 /// Light at every node from what all of them found: by steps from node to node, with a leap now and then along what changes slowest.
 ///
 /// Where media are thick and scatter forwards, the noise of few paths can make the directional bands grow from step to step: `None` then, unless `orders` ends
@@ -279,7 +274,7 @@ fn solve(
 ) -> Option<Vec<[Rgb; COEFFICIENTS]>> {
     let mut light: Vec<[Rgb; COEFFICIENTS]> = found.iter().map(|f| f.light).collect();
     let share = 4.0 * PI / directions.len() as f32;
-    let channels = channels(media);
+    let channels = media.channels();
     let brightness = |l: &[Rgb; COEFFICIENTS]| f64::from(luminance(l[0].abs()));
     let start: f64 = light.iter().map(brightness).sum();
     let mut before = f64::INFINITY;

@@ -5,7 +5,7 @@
 //! in the way. Whether a light is seen from there the cell of the grid mostly knows, all of its nodes being of one opinion; where they are
 //! not, a ray asks, and elsewhere one does now and then, with the difference weighed up, so that light which is scattered
 //! once has the right mean however coarse the grid is. What is left is the grid's error in light that was reflected
-//! or scattered before. Light of lamps comes to these places through media whose forward peak lets pass ([`crate::media::Media::smoothed`]): what was scattered
+//! or scattered before. Light of lamps comes to these places through media that let their forward peak pass ([`crate::media::Media::smoothed`]): what was scattered
 //! before by a small angle counts as not scattered.
 
 use crate::geom::Ray;
@@ -153,7 +153,7 @@ impl Kernel<'_> {
         let mut links = links;
         let numbers = sequence.next4();
         // Links are exact channel by channel, and together with their noise in common they would not be.
-        let channels = if links.is_some() && !media.is_grey() { 3 } else { 1 };
+        let channels = if links.is_some() { media.channels() } else { 1 };
         for (channel, purpose) in LANDINGS.into_iter().enumerate().take(channels) {
             let landing = if channels == 1 { way.land(numbers[0]) } else { way.land_in(channel, numbers[0]) };
             let Some(landing) = landing else { continue };
