@@ -60,6 +60,40 @@ impl Punctual {
         self.intensity
     }
 
+    /// Axis of the cone and 1 - cos of its outer half angle; `None` where it shines everywhere.
+    #[must_use]
+    pub fn cone(&self) -> Option<(Vec3A, f32)> {
+        self.cone.map(|(axis, s, o)| (axis, 1.0 + o / s))
+    }
+
+    /// Whether a place lies within the cone.
+    #[must_use]
+    pub fn shines_on(&self, p: Vec3A) -> bool {
+        self.cone.is_none_or(|_| 0.0 < self.attenuation((self.position - p).normalize_or_zero()))
+    }
+
+    /// Mean over all directions, candela.
+    #[must_use]
+    pub fn mean_intensity(&self) -> Rgb {
+        // The attenuation is 1 up to the inner cosine and falls from there with the square of the distance to the outer one, `1 / s` further.
+        let part = self.cone.map_or(1.0, |(_, s, o)| 0.5 * (1.0 - (1.0 - o) / s + 1.0 / (3.0 * s)));
+        self.intensity * part
+    }
+
+    /// Intensity towards a place, candela.
+    #[must_use]
+    pub fn intensity_towards(&self, p: Vec3A) -> Rgb {
+        self.intensity * self.attenuation((self.position - p).normalize_or_zero())
+    }
+
+    /// What the cone leaves of the intensity towards a place from which the light lies in the direction `wi`.
+    fn attenuation(&self, wi: Vec3A) -> f32 {
+        self.cone.map_or(1.0, |(axis, s, o)| {
+            let a = (-wi.dot(axis) * s + o).clamp(0.0, 1.0);
+            a * a
+        })
+    }
+
     /// Where a ray is inside the light's cone, between `from` and `to`; a little more rather than less. `None` where it never is.
     #[must_use]
     pub fn lit_part(&self, origin: Vec3A, direction: Vec3A, from: f32, to: f32) -> Option<(f32, f32)> {
@@ -112,10 +146,7 @@ impl Punctual {
             let q = distance / range;
             scale *= (1.0 - q * q * q * q).clamp(0.0, 1.0);
         }
-        if let Some((axis, s, o)) = self.cone {
-            let a = (-wi.dot(axis) * s + o).clamp(0.0, 1.0);
-            scale *= a * a;
-        }
+        scale *= self.attenuation(wi);
         let illuminance = self.intensity * scale;
         if illuminance == Vec3::ZERO || !illuminance.is_finite() {
             return None;

@@ -204,9 +204,11 @@ fn gather(kernel: &Kernel<'_>, points: &[Point], n: u32, key: u64, values: &mut 
         let mut sequence = Sequence::new(key, i);
         let [a, b, _, _] = sequence.next4();
         let k = i as usize % points.len();
+        let mut few = 0;
+        let lamps = kernel.lamps_now_and_then(&vertices[k], &mut sequence, &mut few);
         let e = kernel.arriving(&vertices[k], [a, b], &mut sequence);
-        rays += u64::from(e.rays);
-        let x = e.direct + e.indirect;
+        rays += u64::from(few) + u64::from(e.rays);
+        let x = e.direct + e.indirect + lamps;
         if x.is_finite() {
             let group = &mut sums[usize::from(points[k].group)];
             group.0 += x.as_dvec3();

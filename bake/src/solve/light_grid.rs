@@ -106,6 +106,7 @@ impl Gathering {
     pub fn fill(mut self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<LightGrid, Error> {
         let n = self.fineness.paths;
         let directions = directions(n);
+        let suns = kernel.suns_of_air();
         let media = self.grid.media();
         let kernel = Kernel { grid: Some(&self.grid), media: Some(media), ..*kernel };
         let found: Vec<Found> = (0..self.grid.len())
@@ -132,6 +133,7 @@ impl Gathering {
         // Isotropic scattering alone has a limit, but for light that no surface and no medium ever takes away.
         (self.grid.light, self.grid.forward) =
             solved.unwrap_or_else(|| (found.iter().map(|f| f.light).collect(), 0.0));
+        self.grid.summarise(&suns);
         Ok(self.grid)
     }
 }

@@ -10,7 +10,7 @@ use crate::solve::accumulate::{Gate, Rejected, mean_and_error};
 use crate::solve::audit::Audit;
 use crate::solve::monitor::{ErrorSums, Monitor};
 use crate::solve::visible::{Cells, Side, Validity, Visible, cell_index, receiver};
-use crate::transport::{Estimate, Kernel, Vertex};
+use crate::transport::{Kernel, Vertex};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -408,7 +408,7 @@ const DARK: u32 = 64;
 /// The light of a texel from so many samples of suns and lamps and so many paths.
 fn all(at: &Place<'_>, [small, paths]: [u32; 2], scratch: &mut Vec<Sample>, tally: &mut Tally) -> Texel {
     let mut texel = Texel::default();
-    if at.kernel.lights.has_small() {
+    if at.kernel.has_small() {
         add(at, Kind::Small, small, &mut texel, scratch, tally);
     }
     add(at, Kind::Path, paths, &mut texel, scratch, tally);
@@ -461,14 +461,13 @@ impl Place<'_> {
             let mut sequence = Sequence::new(key, i);
             let [a, b, c, d] = sequence.next4();
             let vertex = self.vertex([a, b])?;
-            let mut e = Estimate::default();
-            match kind {
-                Kind::Small => e.direct = self.kernel.small(&vertex, &mut sequence, &mut e.rays),
+            let e = match kind {
+                Kind::Small => self.kernel.small(&vertex, &mut sequence),
                 Kind::Path => {
                     let vertex = Vertex { open: self.open, ..vertex };
-                    e = self.kernel.arriving(&vertex, [c, d], &mut sequence);
+                    self.kernel.arriving(&vertex, [c, d], &mut sequence)
                 }
-            }
+            };
             counted.samples += 1;
             counted.rays += u64::from(e.rays);
             let at = Rejected { page, texel, sample: i };

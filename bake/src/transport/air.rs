@@ -1,6 +1,6 @@
 //! Media along a ray: what is left of light, and places in them.
 
-use crate::media::{Coefficients, Media, Segment, attenuated, is_grey};
+use crate::media::{along, Coefficients, Media, Segment, attenuated, is_grey};
 use crate::sample::warp::Frame;
 use crate::scene::model::Rgb;
 use glam::{Vec3, Vec3A};
@@ -64,8 +64,14 @@ impl Air<'_> {
     }
 }
 
+/// Parts of [`Way::places`], a power of two so that roots do for exponentials.
+pub(crate) const PARTS: usize = 4;
+
 /// What the media on a part of a ray do to light.
 pub(crate) struct Crossed {
+    /// [`Media::plain`].
+    plain: Option<(f32, f32, Coefficients)>,
+    depth: Rgb,
     /// What is left of it.
     pub(crate) left: Rgb,
     /// The part of it that does not get through, in the channel that loses most.
@@ -78,9 +84,31 @@ const THIN: f32 = 0.1;
 impl Crossed {
     #[inline]
     pub(crate) fn new(media: &Media, (origin, direction, length): (Vec3A, Vec3A, f32)) -> Self {
-        let depth = media.optical_depth(origin, direction, length);
+        let plain = media.plain(origin, direction, length);
+        let depth = match &plain {
+            Some((from, to, c)) => along(c.sigma_t, to - from),
+            None => media.optical_depth(origin, direction, length),
+        };
         let (left, most) = (attenuated(depth), depth.max_element());
-        Self { left, gone: if most < THIN { -(-most).exp_m1() } else { 1.0 - left.min_element() } }
+        Self { plain, depth, left, gone: if most < THIN { -(-most).exp_m1() } else { 1.0 - left.min_element() } }
+    }
+
+    /// What does not get through in a channel.
+    fn lost(&self, channel: usize) -> f32 {
+        let depth = self.depth[channel];
+        if depth < THIN { -(-depth).exp_m1() } else { 1.0 - self.left[channel] }
+    }
+}
+
+/// The channel whose value is neither the least nor the greatest.
+fn middle(v: Rgb) -> usize {
+    let [x, y, z] = v.to_array();
+    if (y <= x) == (x <= z) {
+        0
+    } else if (x <= y) == (y <= z) {
+        1
+    } else {
+        2
     }
 }
 
@@ -91,6 +119,18 @@ pub(crate) struct Way<'a> {
     direction: Vec3A,
     plain: Option<(f32, f32, Coefficients)>,
     segments: Vec<Segment>,
+}
+
+/// Places along a way, equally far apart; see [`Way::places`].
+pub(crate) struct Places {
+    /// Metres along the ray to the first of them.
+    pub(crate) first: f32,
+    /// Metres from one to the next.
+    pub(crate) step: f32,
+    /// Mean cosine.
+    pub(crate) g: f32,
+    /// What of their light arrives.
+    pub(crate) weights: [Rgb; PARTS],
 }
 
 /// A place that free flight found.
@@ -106,7 +146,25 @@ pub(crate) struct Landing {
 impl<'a> Way<'a> {
     /// What a ray's first `length` metres cross; `None` if there is nothing.
     pub(crate) fn new(media: &'a Media, origin: Vec3A, direction: Vec3A, length: f32) -> Option<Self> {
-        let plain = media.plain(origin, direction, length);
+        Self::of(media, (origin, direction, length), media.plain(origin, direction, length))
+    }
+
+    /// The same where it is known already what the media do to light.
+    #[inline]
+    pub(crate) fn across(
+        media: &'a Media,
+        ray: (Vec3A, Vec3A, f32),
+        crossed: &Crossed,
+    ) -> Option<Self> {
+        Self::of(media, ray, crossed.plain)
+    }
+
+    #[inline]
+    fn of(
+        media: &'a Media,
+        (origin, direction, length): (Vec3A, Vec3A, f32),
+        plain: Option<(f32, f32, Coefficients)>,
+    ) -> Option<Self> {
         let mut segments = Vec::new();
         match &plain {
             Some((from, to, _)) if to <= from => return None,
@@ -119,6 +177,40 @@ impl<'a> Way<'a> {
             }
         }
         Some(Self { media, origin, direction, plain, segments })
+    }
+
+    /// Places along the way, one in each of [`PARTS`] parts of equal length, where it is in closed form: as far along its part as `u` says, with what of
+    /// light that is scattered in the part arrives at the origin, per unit of radiance; `crossed` is what the whole way does to light.
+    /// In the channel in the middle the weights are exact. `None` for other ways.
+    #[inline]
+    pub(crate) fn places(&self, crossed: &Crossed, u: f32) -> Option<Places> {
+        let (from, to, c) = self.plain?;
+        if to == f32::INFINITY {
+            return None;
+        }
+        let step = (to - from) / PARTS as f32;
+        let grey = is_grey(c.sigma_t);
+        let half = if grey { Vec3::splat(crossed.left.x.sqrt()) } else { crossed.left.map(f32::sqrt) };
+        let left = if grey { Vec3::splat(half.x.sqrt()) } else { half.map(f32::sqrt) };
+        // The channel in the middle chooses the place. 1 - left^4 = (1 - left) (1 + left) (1 + left^2), and what does not get through is
+        // known without cancellation.
+        let k = if grey { 0 } else { middle(c.sigma_t) };
+        let sigma = c.sigma_t[k];
+        let lost = crossed.lost(k) / ((left[k] + 1.0) * (half[k] + 1.0));
+        let at = (-(-u * lost).ln_1p() / sigma).min(step);
+        let mut weight = c.sigma_s * (lost / sigma);
+        if !grey {
+            weight *= ((sigma - c.sigma_t) * at).exp();
+        }
+        if !weight.is_finite() {
+            return None;
+        }
+        let weights = std::array::from_fn(|_| {
+            let here = weight;
+            weight *= left;
+            here
+        });
+        Some(Places { first: from + at, step, g: c.g, weights })
     }
 
     fn air(&self) -> Air<'_> {

@@ -10,13 +10,12 @@
 
 use crate::geom::Ray;
 use crate::geom::ray::offset_distance;
-use crate::geom::world::{luminance, pack};
-use crate::light::emitters::{Group, GroupSample};
-use crate::light::punctual::Incident;
+use crate::geom::world::pack;
+use crate::light::Sun;
 use crate::media::Media;
 use crate::sample::Sequence;
 use crate::scene::model::Rgb;
-use crate::transport::air::{Crossed, Way, equi_angular, henyey_greenstein_direction};
+use crate::transport::air::{Crossed, Places, Way, henyey_greenstein_direction};
 use crate::transport::direct::Part;
 use crate::transport::light_grid::{Inside, LightGrid, Seen, dot, scattering};
 use crate::transport::path::{Kernel, Stage, Vertex};
@@ -79,20 +78,21 @@ impl Links {
 /// Numbers that choose the node of a landing, channel by channel.
 const LANDINGS: [u32; 3] = [1, 4, 5];
 
-/// So many lights' weights fit on the stack.
-const FEW: usize = 16;
-
-/// A lamp or an emissive surface, as media see it.
-enum Lamp<'a> {
-    Punctual(usize),
-    Group(usize, &'a Group),
-}
+/// Numbers that choose where a ray asks the cells what they know.
+const KNOWN: u32 = 7;
 
 impl Kernel<'_> {
     /// Lamps and emissive surfaces, and behind them suns: the numbers by which the grid's cells know them.
     pub(crate) fn air_lights(&self) -> usize {
         let l = self.lights;
         l.punctual.len() + l.emitters.groups().len() + l.suns.len()
+    }
+
+    /// Suns by their number, the direction towards their middle and their illuminance, lux.
+    pub(crate) fn suns_of_air(&self) -> Vec<(usize, Vec3A, Rgb)> {
+        let first = self.air_lights() - self.lights.suns.len();
+        let of = |(i, sun): (usize, &Sun)| (first + i, sun.frame().z, sun.sample([0.5; 2]).illuminance);
+        self.lights.suns.iter().enumerate().map(of).collect()
     }
 
     /// Whether a light of a number is seen from a place, for the grid: by one ray, emissive surfaces by four.
@@ -133,54 +133,92 @@ impl Kernel<'_> {
         }
     }
 
-    /// Radiance that media scatter into the first `length` metres of a ray, which they cross, towards its origin, nits. With `links` the light that the
-    /// grid holds is left out and said there instead, by what of it arrives along a path that has come so far.
+    /// Radiance that media scatter into the first `length` metres of a ray, which they cross, towards its origin, nits; that of
+    /// lamps is left out.
+    ///
+    /// What the grid's cells know of it is summed along the ray; what they do not know is found out at one place, now and then.
     pub(crate) fn airlight(
         &self,
         (media, grid): (&Media, &LightGrid),
         (origin, direction, length): (Vec3A, Vec3A, f32),
         crossed: &Crossed,
-        links: Option<(&mut Links, Rgb)>,
         sequence: &mut Sequence,
         rays: &mut u32,
     ) -> Rgb {
-        let chance = if links.is_some() { 1.0 } else { (EAGER * crossed.gone).min(1.0) };
-        if chance < 1.0 && chance <= sequence.coin() {
-            return Vec3::ZERO;
+        let Some(way) = Way::across(media, (origin, direction, length), crossed) else { return Vec3::ZERO };
+        let [u, coin, v, _] = sequence.coins(KNOWN);
+        let places = way.places(crossed, u);
+        let known = |p: &Places| grid.known_along(&grid.towards(direction, p.g), origin + direction * p.first, direction * p.step, &p.weights);
+        let known = places.as_ref().map_or(Vec3::ZERO, known);
+        let chance = (EAGER * crossed.gone).min(1.0);
+        if chance < 1.0 && chance <= coin {
+            return known;
         }
+        let mut rest = Vec3::ZERO;
+        if let Some(landing) = way.land(v) {
+            let p = origin + direction * landing.at;
+            let at = grid.inside(p);
+            let [b, c, d, _] = sequence.coins(LANDINGS[0]);
+            let arrives = match self.node(grid, p, at, [b, c, d], rays) {
+                Some(node) => dot(grid.light(node), &scattering(direction, media.bands(landing.g))),
+                None => self.unseen(p, direction, landing.g, [b, c], sequence, rays),
+            };
+            let suns = self.suns_in_air((media, grid), (p, at), direction, landing.g, sequence, rays);
+            let known = places.map_or(Vec3::ZERO, |p| grid.known(at.cell, &grid.towards(direction, p.g)));
+            rest += landing.weight * (arrives + suns - known);
+        }
+        known + rest / chance
+    }
+
+    /// As [`Kernel::airlight`], for a path from a node that has come so far: the light that the grid holds is left out and said in `links` instead.
+    pub(crate) fn airlight_linked(
+        &self,
+        (media, grid): (&Media, &LightGrid),
+        (origin, direction, length): (Vec3A, Vec3A, f32),
+        (links, so_far): (&mut Links, Rgb),
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Rgb {
         let Some(way) = Way::new(media, origin, direction, length) else { return Vec3::ZERO };
         let mut sum = Vec3::ZERO;
-        let mut links = links;
-        let numbers = sequence.next4();
+        let [u, ..] = sequence.next4();
         // Links are exact channel by channel, and together with their noise in common they would not be.
-        let channels = if links.is_some() { media.channels() } else { 1 };
+        let channels = media.channels();
         for (channel, purpose) in LANDINGS.into_iter().enumerate().take(channels) {
-            let landing = if channels == 1 { way.land(numbers[0]) } else { way.land_in(channel, numbers[0]) };
+            let landing = if channels == 1 { way.land(u) } else { way.land_in(channel, u) };
             let Some(landing) = landing else { continue };
             let p = origin + direction * landing.at;
             let at = grid.inside(p);
             let [b, c, d, e] = sequence.coins(purpose);
-            let arrives = match (self.node(grid, p, at, [b, c, d], rays), &mut links) {
-                (Some(node), None) => dot(grid.light(node), &scattering(direction, media.bands(landing.g))),
+            let arrives = match self.node(grid, p, at, [b, c, d], rays) {
                 #[expect(clippy::cast_possible_truncation, reason = "fewer nodes than 2^32")]
-                (Some(node), Some((links, so_far))) => {
-                    let weight = *so_far * landing.weight;
+                Some(node) => {
+                    let weight = so_far * landing.weight;
                     links.expected += weight;
                     let link = Link { node: node as u32, direction: pack(direction), weight, g: landing.g };
                     links.offer(channel, link, e);
                     Vec3::ZERO
                 }
-                (None, _) => {
-                    // No node sees the place, a corner or a corridor finer than the grid: what surfaces send there.
-                    let wi = henyey_greenstein_direction(direction, landing.g, [b, c]);
-                    Kernel { grid: None, ..*self }.arrives(&in_air(p), wi, None, sequence, rays)
-                }
+                None => self.unseen(p, direction, landing.g, [b, c], sequence, rays),
             };
-            sum += landing.weight
-                * (arrives + self.suns_in_air((media, grid), (p, at), direction, landing.g, sequence, rays));
+            let suns = self.suns_in_air((media, grid), (p, at), direction, landing.g, sequence, rays);
+            sum += landing.weight * (arrives + suns);
         }
-        sum += self.lamp_in_air((media, grid), &way, (origin, direction), numbers, sequence, rays);
-        sum / chance
+        sum
+    }
+
+    /// What surfaces send to a place that no node sees, a corner or a corridor finer than the grid.
+    fn unseen(
+        &self,
+        p: Vec3A,
+        direction: Vec3A,
+        g: f32,
+        u: [f32; 2],
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Rgb {
+        let wi = henyey_greenstein_direction(direction, g, u);
+        Kernel { grid: None, ..*self }.arrives(&in_air(p), wi, None, sequence, rays)
     }
 
     /// One of the nodes around a place that see it, each as likely as trilinear interpolation weighs it.
@@ -245,7 +283,14 @@ impl Kernel<'_> {
     }
 
     /// How much of a light's rays gets to a place: by what the grid knows, by a ray where it does not, and by one now and then where it does.
-    fn seen(&self, grid: &LightGrid, at: Inside, light: usize, coin: f32, ask: impl FnOnce() -> Rgb) -> Rgb {
+    pub(crate) fn seen(
+        &self,
+        grid: &LightGrid,
+        at: Inside,
+        light: usize,
+        coin: f32,
+        ask: impl FnOnce() -> Rgb,
+    ) -> Rgb {
         let known = match grid.seen(at.cell, light) {
             Seen::Perhaps => return ask(),
             Seen::Everywhere => Vec3::ONE,
@@ -284,188 +329,6 @@ impl Kernel<'_> {
             }
         }
         sum
-    }
-
-    /// Light of one lamp or emissive surface that is scattered into a ray.
-    fn lamp_in_air(
-        &self,
-        (media, grid): (&Media, &LightGrid),
-        way: &Way<'_>,
-        (origin, direction): (Vec3A, Vec3A),
-        [_, a, b, c]: [f32; 4],
-        sequence: &Sequence,
-        rays: &mut u32,
-    ) -> Rgb {
-        let (lamps, groups) = (&self.lights.punctual, self.lights.emitters.groups());
-        if lamps.is_empty() && groups.is_empty() {
-            return Vec3::ZERO;
-        }
-        let (from, to) = way.span();
-        let weigh = |i: usize| -> f32 {
-            if i < lamps.len() {
-                let Some((from, to)) = lamps[i].lit_part(origin, direction, from, to) else { return 0.0 };
-                luminance(lamps[i].intensity()) * view(lamps[i].position() - origin, direction, from, to, 0.0)
-            } else {
-                let group = &groups[i - lamps.len()];
-                group.intensity * view(group.centre - origin, direction, from, to, group.radius)
-            }
-        };
-        let n = lamps.len() + groups.len();
-        let (i, chance) = if n == 1 {
-            (0, 1.0)
-        } else {
-            // Few are weighed once, many twice.
-            let mut weights = [0.0; FEW];
-            let total: f32 = if n <= FEW {
-                weights[..n].iter_mut().enumerate().for_each(|(i, w)| *w = weigh(i));
-                weights.iter().sum()
-            } else {
-                (0..n).map(weigh).sum()
-            };
-            if !(0.0 < total && total.is_finite()) {
-                return Vec3::ZERO;
-            }
-            let mut rest = a * total;
-            let mut chosen = (0, 0.0);
-            for i in 0..n {
-                let w = weights.get(i).filter(|_| n <= FEW).copied().unwrap_or_else(|| weigh(i));
-                if 0.0 < w {
-                    chosen = (i, w / total);
-                    rest -= w;
-                    if rest < 0.0 {
-                        break;
-                    }
-                }
-            }
-            chosen
-        };
-        if chance <= 0.0 {
-            return Vec3::ZERO;
-        }
-        let lamp = if i < lamps.len() { Lamp::Punctual(i) } else { Lamp::Group(i, &groups[i - lamps.len()]) };
-        self.scattered_once((media, grid), way, (origin, direction), &lamp, [b, c], sequence, rays) / chance
-    }
-
-    #[expect(clippy::too_many_arguments, reason = "a ray, its media, a light and numbers")]
-    fn scattered_once(
-        &self,
-        (media, grid): (&Media, &LightGrid),
-        way: &Way<'_>,
-        (origin, direction): (Vec3A, Vec3A),
-        lamp: &Lamp<'_>,
-        [u, v]: [f32; 2],
-        sequence: &Sequence,
-        rays: &mut u32,
-    ) -> Rgb {
-        let (from, to) = way.span();
-        let [coin, e, f, _] = sequence.coins(2);
-        // Light at a place, the number of the lamp, and how far rays may go that ask for it.
-        let (index, place, light, distance) = match lamp {
-            Lamp::Punctual(i) => {
-                let lamp = &self.lights.punctual[*i];
-                let Some((from, to)) = lamp.lit_part(origin, direction, from, to) else { return Vec3::ZERO };
-                let place = equi_angular(lamp.position() - origin, direction, from, to, u);
-                let Some((t, _)) = place else { return Vec3::ZERO };
-                let p = origin + direction * t;
-                let Some(light) = lamp.incident(p) else { return Vec3::ZERO };
-                (*i, place, light, reach(p, light.wi * light.distance))
-            }
-            Lamp::Group(i, group) => {
-                let at = self.lights.emitters.sample_group(group, v, [e, f]);
-                let place = equi_angular(at.position - origin, direction, from, to, u);
-                let Some((t, _)) = place else { return Vec3::ZERO };
-                let Some((light, reach)) = self.group_at(&at, origin + direction * t) else {
-                    return Vec3::ZERO;
-                };
-                (*i, place, light, reach)
-            }
-        };
-        let Some((t, pdf)) = place else { return Vec3::ZERO };
-        let Some(here) = way.coefficients(t) else { return Vec3::ZERO };
-        let p = origin + direction * t;
-        let left = self
-            .seen(grid, grid.inside(p), index, coin, || self.unblocked(&in_air(p), light.wi, distance, rays));
-        if left == Vec3::ZERO {
-            return Vec3::ZERO;
-        }
-        let phase = media.phase(here.g, light.wi.dot(direction));
-        let through = way.transmittance(t) * grid.media().transmittance(p, light.wi, light.distance);
-        light.illuminance * left * through * here.sigma_s * (phase / pdf)
-    }
-
-    /// What a place on an emissive surface, which stands for all of it, brings to a place in the air, and how far a ray may go that asks for it.
-    fn group_at(&self, at: &GroupSample, p: Vec3A) -> Option<(Incident, f32)> {
-        let d = at.position - p;
-        let distance = d.length();
-        let wi = d / distance;
-        let cos = -wi.dot(at.normal);
-        let cos = if at.both_sides { cos.abs() } else { cos };
-        if !(0.0 < cos && wi.is_finite()) {
-            return None;
-        }
-        let emission = self.world.shade(self.scene, at.triangle, at.bary).emission;
-        let illuminance = emission * (cos / (distance * distance * at.pdf));
-        let offset = self.world.point(at.triangle, at.bary).offset;
-        Some((Incident { wi, distance, illuminance }, distance - 2.0 * offset))
-    }
-
-    /// Light that comes straight to a place in the air, a direction and an illuminance each, lux: of suns, of lamps and of emissive surfaces that grids do not hold.
-    /// Lights whose direct part the game adds are left out. Of many one stands for all.
-    pub(crate) fn straight_to(
-        &self,
-        grid: &LightGrid,
-        p: Vec3A,
-        sequence: &mut Sequence,
-        rays: &mut u32,
-        mut visit: impl FnMut(Vec3A, Rgb),
-    ) {
-        let l = self.lights;
-        let mut see = |light: &Incident, reach: f32, weight: f32, rays: &mut u32| {
-            let left = self.unblocked(&in_air(p), light.wi, reach, rays);
-            if left != Vec3::ZERO {
-                let through = grid.media().transmittance(p, light.wi, light.distance);
-                visit(light.wi, light.illuminance * left * through * weight);
-            }
-        };
-        let [a, b, c, d] = sequence.next4();
-        let [e, f, _, _] = sequence.next4();
-        for sun in l.suns.iter().filter(|s| !s.indirect_only) {
-            see(&sun.sample([a, b]), f32::INFINITY, 1.0, rays);
-        }
-        let lamps =
-            || l.punctual.iter().filter(|lamp| !lamp.indirect_only).filter_map(|lamp| lamp.incident(p));
-        if l.punctual.len() <= FEW {
-            for light in lamps() {
-                see(&light, reach(p, light.wi * light.distance), 1.0, rays);
-            }
-        } else {
-            let all: f32 = lamps().map(|light| luminance(light.illuminance)).sum();
-            let mut rest = c * all;
-            for light in lamps() {
-                let weight = luminance(light.illuminance);
-                rest -= weight;
-                if rest < 0.0 {
-                    see(&light, reach(p, light.wi * light.distance), all / weight, rays);
-                    break;
-                }
-            }
-        }
-        let groups = l.emitters.groups();
-        let weigh = |g: &Group| g.intensity / (g.centre - p).length_squared().max(g.radius * g.radius);
-        let all: f32 = groups.iter().map(weigh).sum();
-        let mut rest = d * all;
-        for group in groups {
-            let weight = weigh(group);
-            rest -= weight;
-            if rest < 0.0 {
-                let [w, ..] = sequence.next4();
-                let at = l.emitters.sample_group(group, e, [f, w]);
-                if let Some((light, reach)) = self.group_at(&at, p) {
-                    see(&light, reach, all / weight, rays);
-                }
-                break;
-            }
-        }
     }
 
     /// Radiance that arrives at a place in the air from `wi`, but for what suns, lamps and emitters bring straight away. With
@@ -513,25 +376,6 @@ pub(crate) fn in_air(p: Vec3A) -> Vertex {
 }
 
 /// How far a ray to a lamp at `p + d` may go without meeting what the lamp lies on.
-fn reach(p: Vec3A, d: Vec3A) -> f32 {
+pub(crate) fn reach(p: Vec3A, d: Vec3A) -> f32 {
     d.length() - offset_distance((p + d).abs().max_element())
-}
-
-/// What a lamp of 1 cd would scatter into a part of a ray but for constants, if nothing were in the way: the angle that it is seen under over how far
-/// aside the lamp lies, 1/m; no nearer than `radius`.
-fn view(to_lamp: Vec3A, direction: Vec3A, from: f32, to: f32, radius: f32) -> f32 {
-    let nearest = to_lamp.dot(direction);
-    let aside2 = (to_lamp.length_squared() - nearest * nearest)
-        .max(radius * radius)
-        .max(1e-12 * to_lamp.length_squared());
-    let aside = aside2.sqrt();
-    let (a, b) = (from - nearest, if to.is_finite() { to - nearest } else { 1e6 * aside });
-    // The angle between the ways from the lamp to both ends.
-    let cos = (aside2 + a * b) / ((aside2 + a * a) * (aside2 + b * b)).sqrt();
-    let x = cos.abs().min(1.0);
-    // Abramowitz and Stegun 4.4.45: within 7e-5 of the arc cosine.
-    let acos = (1.0 - x).sqrt() * (1.570_728_8 + x * (-0.212_114_4 + x * (0.074_261 - 0.018_729_3 * x)));
-    let angle = if cos < 0.0 { std::f32::consts::PI - acos } else { acos };
-    // Never 0 where there is light.
-    angle.max(1e-6 * (b - a) / (aside + a.abs())) / aside
 }

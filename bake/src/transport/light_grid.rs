@@ -5,9 +5,11 @@
 //! between nodes know of these lights is whether all of their nodes see one, none, or some.
 
 use crate::geom::World;
-use crate::media::Media;
+use crate::geom::world::luminance;
+use crate::media::{Media, henyey_greenstein};
 use crate::scene::model::Rgb;
 use glam::{UVec3, Vec3, Vec3A};
+use std::f32::consts::FRAC_1_PI;
 
 /// Coefficients of bands 0 to 2.
 pub const COEFFICIENTS: usize = 9;
@@ -37,6 +39,8 @@ pub struct LightGrid {
     origin: Vec3A,
     /// Sides of a cell, metres.
     cell: Vec3A,
+    /// Their inverses.
+    per_metre: Vec3A,
     /// Nodes along each axis, at least two.
     size: UVec3,
     /// Whether a part of a surface may be in a cell.
@@ -51,6 +55,30 @@ pub struct LightGrid {
     media: Media,
     /// Radiance at each node, x fastest, then y, then z.
     pub(crate) light: Vec<[Rgb; COEFFICIENTS]>,
+    /// What each cell knows of the light in it; empty until [`LightGrid::summarise`].
+    summaries: Vec<Summary>,
+    /// Direction of the sun that [`Summary::sun`] is about.
+    sun: Vec3A,
+}
+
+/// Light in a cell: what all of it has for certain, or its mean where nothing stands in it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Summary {
+    /// What is scattered per unit of sigma_s where scattering is isotropic, nits.
+    even: Rgb,
+    /// Times the cosine of a direction with each axis and the mean cosine: what is scattered more into it.
+    vector: [Rgb; 3],
+    /// Illuminance of the strongest sun, lux.
+    sun: Rgb,
+}
+
+/// A ray that places scatter light into; see [`LightGrid::towards`].
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Towards {
+    /// Its direction times the mean cosine.
+    lean: Vec3A,
+    /// Phase function between it and the sun that cells know apart.
+    phase: f32,
 }
 
 /// A place in the lattice.
@@ -86,6 +114,7 @@ impl LightGrid {
         let mut grid = Self {
             origin,
             cell,
+            per_metre: cell.recip(),
             size,
             occupied: vec![false; cells],
             known: 0,
@@ -93,6 +122,8 @@ impl LightGrid {
             forward: 1.0,
             media,
             light: vec![[Vec3::ZERO; COEFFICIENTS]; n],
+            summaries: Vec::new(),
+            sun: Vec3A::Z,
         };
         world.triangles().for_each(|t| grid.occupy(t));
         grid
@@ -200,6 +231,78 @@ impl LightGrid {
     /// Whether there may be surfaces in a cell.
     pub(crate) fn is_occupied(&self, cell: usize) -> bool {
         self.occupied[cell]
+    }
+
+    /// What has to be known of a ray with the direction `d` where media have the mean cosine `g`.
+    #[inline]
+    pub(crate) fn towards(&self, d: Vec3A, g: f32) -> Towards {
+        let phase = if g == 0.0 { 0.25 * FRAC_1_PI } else { henyey_greenstein(g, self.sun.dot(d)) };
+        Towards { lean: g * d, phase }
+    }
+
+    /// What a place in a cell scatters into a ray, as far as the cell knows it, per unit of sigma_s.
+    #[inline]
+    pub(crate) fn known(&self, cell: usize, ray: &Towards) -> Rgb {
+        let Some(s) = self.summaries.get(cell) else { return Vec3::ZERO };
+        let even = s.even + s.sun * ray.phase;
+        if ray.lean == Vec3A::ZERO {
+            return even;
+        }
+        even + s.vector[0] * ray.lean.x + s.vector[1] * ray.lean.y + s.vector[2] * ray.lean.z
+    }
+
+    /// The same at places one after the other, each times its weight, in all.
+    #[inline]
+    pub(crate) fn known_along<const N: usize>(&self, ray: &Towards, first: Vec3A, step: Vec3A, weights: &[Rgb; N]) -> Rgb {
+        let (x, dx) = ((first - self.origin) * self.per_metre, step * self.per_metre);
+        let last = (self.size - 2).as_vec3a();
+        let row = self.size - 1;
+        let mut sum = Vec3::ZERO;
+        for (k, weight) in weights.iter().enumerate() {
+            let c = (x + dx * k as f32).clamp(Vec3A::ZERO, last).as_uvec3();
+            sum += *weight * self.known(((c.z * row.y + c.y) * row.x + c.x) as usize, ray);
+        }
+        sum
+    }
+
+    /// Tells the cells what they know from the nodes' light and from suns: each the number among the lights that cells know of, direction and illuminance, lux.
+    pub(crate) fn summarise(&mut self, suns: &[(usize, Vec3A, Rgb)]) {
+        let strongest = suns.iter().max_by(|a, b| luminance(a.2).total_cmp(&luminance(b.2)));
+        self.sun = strongest.map_or(Vec3A::Z, |s| s.1);
+        let last = self.size - 1;
+        let mut all = Vec::with_capacity(self.occupied.len());
+        for (z, y, x) in
+            (0..last.z).flat_map(|z| (0..last.y).flat_map(move |y| (0..last.x).map(move |x| (z, y, x))))
+        {
+            let corner = UVec3::new(x, y, z);
+            let cell = self.cell_index(corner);
+            let at = Inside { cell, first: self.node_index(corner), part: Vec3A::ZERO };
+            let nodes: [&[Rgb; COEFFICIENTS]; 8] = std::array::from_fn(|k| &self.light[self.corner(at, k)]);
+            let mut s = Summary::default();
+            if self.occupied[cell] {
+                // On either side of a wall it may be dark.
+                let least = nodes.iter().map(|n| n[0]).reduce(Vec3::min).unwrap_or_default();
+                s.even = harmonics(Vec3A::Z)[0] * least.max(Vec3::ZERO);
+            } else {
+                let mean = |k: usize| nodes.iter().map(|n| n[k]).sum::<Vec3>() / 8.0;
+                s.even = harmonics(Vec3A::Z)[0] * mean(0);
+                s.vector = [(3, Vec3A::X), (1, Vec3A::Y), (2, Vec3A::Z)].map(|(k, axis)| harmonics(axis)[k] * mean(k));
+                let middle = self.node(at.first) + 0.5 * self.cell;
+                for &(light, wi, illuminance) in suns.iter().filter(|s| self.seen(cell, s.0) == Seen::Everywhere) {
+                    let arrives = illuminance * self.media.transmittance(middle, wi, f32::INFINITY);
+                    if Some(light) == strongest.map(|s| s.0) {
+                        s.sun = arrives;
+                    } else {
+                        s.even += arrives * (0.25 * FRAC_1_PI);
+                        for (v, d) in s.vector.iter_mut().zip(wi.to_array()) {
+                            *v += arrives * (0.75 * FRAC_1_PI * d);
+                        }
+                    }
+                }
+            }
+            all.push(s);
+        }
+        self.summaries = all;
     }
 
     /// What a cell knows of a light.

@@ -7,6 +7,7 @@ pub mod connect;
 pub mod direct;
 pub(crate) mod encounter;
 mod glow;
+pub(crate) mod lamps;
 pub mod light_grid;
 pub mod path;
 mod volume;

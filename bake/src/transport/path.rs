@@ -204,16 +204,29 @@ impl Kernel<'_> {
     /// from `sequence`.
     #[must_use]
     pub fn estimate(&self, start: &Vertex, u: [f32; 2], sequence: &mut Sequence) -> Estimate {
-        self.walk(start, u, Part::All, sequence)
+        let mut rays = 0;
+        let lamps = self.lamps_through_air(start, sequence, &mut rays);
+        let out = self.walk(start, u, Part::All, sequence);
+        Estimate { indirect: out.indirect + lamps, rays: out.rays + rays, ..out }
     }
 
-    /// What suns and lamps bring straight away, `E / pi`, nits: together with [`Kernel::arriving`] an
-    /// estimate of the whole.
-    pub(crate) fn small(&self, at: &Vertex, sequence: &mut Sequence, rays: &mut u32) -> Rgb {
-        self.direct(at, Part::Small, true, None, sequence, rays).small
+    /// Whether there is anything that [`Kernel::small`] finds.
+    pub(crate) fn has_small(&self) -> bool {
+        self.lights.has_small() || self.has_lamps_in_air()
     }
 
-    /// As [`Kernel::estimate`], without what suns and lamps bring straight away.
+    /// What suns and lamps bring straight away, and what media scatter of lamps' light on the first leg, `E / pi`, nits: together with
+    /// [`Kernel::arriving`] an estimate of the whole.
+    pub(crate) fn small(&self, at: &Vertex, sequence: &mut Sequence) -> Estimate {
+        let mut out = Estimate::default();
+        if self.lights.has_small() {
+            out.direct = self.direct(at, Part::Small, true, None, sequence, &mut out.rays).small;
+        }
+        out.indirect = self.lamps_through_air(at, sequence, &mut out.rays);
+        out
+    }
+
+    /// As [`Kernel::estimate`], without what [`Kernel::small`] finds.
     pub(crate) fn arriving(&self, start: &Vertex, u: [f32; 2], sequence: &mut Sequence) -> Estimate {
         self.walk(start, u, Part::Area, sequence)
     }
@@ -266,6 +279,9 @@ impl Kernel<'_> {
             let wi = Frame::new(vertex.shading_normal).to_world(square_to_cos_hemisphere(turn));
             if let Some(links) = links.as_deref_mut() {
                 links.throughput = arrives * throughput;
+            }
+            if stage != Stage::Whole || 0 < depth {
+                out.indirect += throughput * self.lamps_now_and_then(&vertex, sequence, &mut out.rays);
             }
             let leg = self.follow(&vertex, wi, by_area, links.as_deref_mut(), sequence, &mut out.rays);
             out.indirect += throughput * leg.airlight;
@@ -397,12 +413,18 @@ impl Kernel<'_> {
                 let crossed = Crossed::new(media, part);
                 if let Some(grid) = self.grid {
                     let before = through * clear;
-                    let links = links.as_deref_mut().map(|links| {
-                        let so_far = links.throughput * before;
-                        (links, so_far)
-                    });
-                    leg.airlight +=
-                        before * self.airlight((media, grid), part, &crossed, links, sequence, rays);
+                    let air = (media, grid);
+                    leg.airlight += before
+                        * match links.as_deref_mut() {
+                            Some(links) => {
+                                let so_far = links.throughput * before;
+                                self.airlight_linked(air, part, (links, so_far), sequence, rays)
+                            }
+                            None => self.airlight(air, part, &crossed, sequence, rays),
+                        };
+                    if !ON_SURFACE {
+                        leg.airlight += before * self.lamp_along(air, part, sequence, rays);
+                    }
                 }
                 clear *= crossed.left;
             }

@@ -1,0 +1,436 @@
+//! Light of lamps and small emissive surfaces that media scatter once.
+//!
+//! Seen from a receiver it is brightest next to the lamp: radiance grows like the inverse of the sine of the angle between the ray and the lamp, and by
+//! rays that follow the cosine its variance has no bound. So the first leg of a receiver's light is gathered by rays of their own, [`Kernel::lamps_through_air`]:
+//! their angle from the lamp is uniform, which cancels the sine, and the place on them is equi-angular (\[KF12\]), which cancels the square of the
+//! distance. Where the receiver is outside of a spot's cone, rays start at the lamp and fill the cone, and the place on them is equi-angular as the
+//! receiver sees it. Vertices behind the first do so now and then, [`Kernel::lamps_now_and_then`]; rays from places in the air ask at one place on themselves,
+//! [`Kernel::lamp_along`].
+//!
+//! Whether a light is seen from a place the cell of the light grid mostly knows, all of its nodes being of one opinion; where they are
+//! not, a ray asks, and elsewhere one does now and then, with the difference weighed up, so that the mean is right however coarse the grid is.
+
+use crate::geom::Ray;
+use crate::geom::ray::offset_distance;
+use crate::geom::world::luminance;
+use crate::light::emitters::{Group, GroupSample};
+use crate::light::punctual::{Incident, Punctual};
+use crate::media::Media;
+use crate::sample::Sequence;
+use crate::sample::warp::{Frame, square_to_cone};
+use crate::scene::model::Rgb;
+use crate::transport::air::{Crossed, Way, equi_angular};
+use crate::transport::airlight::{in_air, reach};
+use crate::transport::encounter::Onward;
+use crate::transport::light_grid::LightGrid;
+use crate::transport::path::{Kernel, MAX_LAYERS, Vertex};
+use glam::{Vec3, Vec3A};
+use std::f32::consts::{FRAC_1_PI, PI};
+
+/// So many lights' weights fit on the stack.
+const FEW: usize = 16;
+
+/// Vertices behind the first are asked for lamps' light in the air as often as light is lost on the way to the nearest lamp, times this.
+const EAGER: f32 = 2.0;
+
+/// And at least so often.
+const LEAST: f32 = 1.0 / 16.0;
+
+/// A lamp, or a place on an emissive surface that stands for all of it, with its number among the lights that media see.
+enum Lamp<'a> {
+    Punctual(usize, &'a Punctual),
+    Patch(usize, GroupSample),
+}
+
+impl Lamp<'_> {
+    fn position(&self) -> Vec3A {
+        match self {
+            Self::Punctual(_, lamp) => lamp.position(),
+            Self::Patch(_, at) => at.position,
+        }
+    }
+}
+
+impl Kernel<'_> {
+    /// Whether there are lights of the kind that [`Kernel::lamps_through_air`] gathers.
+    pub(crate) fn has_lamps_in_air(&self) -> bool {
+        let l = self.lights;
+        self.grid.is_some() && !(l.punctual.is_empty() && l.emitters.groups().is_empty())
+    }
+
+    /// Light of lamps and small emissive surfaces that media scatter between a vertex and what it sees, `E / pi`, nits. What passes from there on
+    /// is left to paths.
+    pub(crate) fn lamps_through_air(&self, at: &Vertex, sequence: &mut Sequence, rays: &mut u32) -> Rgb {
+        let Some((media, grid)) = self.media.zip(self.grid).filter(|_| self.has_lamps_in_air()) else {
+            return Vec3::ZERO;
+        };
+        let (lamps, groups) = (&self.lights.punctual, self.lights.emitters.groups());
+        let weigh = |i: usize| -> f32 {
+            let (power, d) = match lamps.get(i) {
+                Some(lamp) => {
+                    let d = lamp.position() - at.position;
+                    (luminance(lamp.mean_intensity() + lamp.intensity_towards(at.position)), d.length())
+                }
+                None => {
+                    let group = &groups[i - lamps.len()];
+                    (group.intensity, (group.centre - at.position).length().max(group.radius))
+                }
+            };
+            power / d
+        };
+        let [a, u, v, w] = sequence.next4();
+        let Some((i, chance)) = choose(lamps.len() + groups.len(), weigh, a) else { return Vec3::ZERO };
+        let light = match lamps.get(i) {
+            Some(lamp) if !lamp.shines_on(at.position) => {
+                self.through_cone((media, grid), at, lamp, [u, v, w], sequence, rays)
+            }
+            Some(lamp) => {
+                self.around((media, grid), at, &Lamp::Punctual(i, lamp), [u, v, w], sequence, rays)
+            }
+            None => {
+                let [b, c, d, _] = sequence.next4();
+                let patch = self.lights.emitters.sample_group(&groups[i - lamps.len()], b, [c, d]);
+                self.around((media, grid), at, &Lamp::Patch(i, patch), [u, v, w], sequence, rays)
+            }
+        };
+        light / chance
+    }
+
+    /// By a ray from the receiver whose angle from the lamp is uniform.
+    fn around(
+        &self,
+        (media, grid): (&Media, &LightGrid),
+        at: &Vertex,
+        lamp: &Lamp<'_>,
+        [u, v, w]: [f32; 3],
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Rgb {
+        let axis = (lamp.position() - at.position).normalize_or_zero();
+        if axis == Vec3A::ZERO {
+            return Vec3::ZERO;
+        }
+        let ((sin, cos), (y, x)) = ((PI * u).sin_cos(), (2.0 * PI * v).sin_cos());
+        let mut wi = Frame::new(axis).to_world(Vec3A::new(sin * x, sin * y, cos));
+        // Of a direction and its opposite one is above the receiver; with both of them the density is 1 / (pi^2 sin) there.
+        if wi.dot(at.shading_normal) < 0.0 {
+            wi = -wi;
+        }
+        if wi.dot(at.geometric_normal) < 0.0 && !at.detached {
+            return Vec3::ZERO;
+        }
+        let weight = PI * sin * wi.dot(at.shading_normal);
+        let mut ray = at.ray(wi, f32::INFINITY);
+        let mut left = Vec3::splat(weight);
+        let mut sum = Vec3::ZERO;
+        for _ in 0..MAX_LAYERS {
+            *rays += 1;
+            let hit = self.closest(&ray);
+            let length = hit.map_or(f32::INFINITY, |h| h.t);
+            if let Some(way) = Way::new(media, ray.origin, wi, length) {
+                sum += left
+                    * self.scattered_once(
+                        (media, grid),
+                        &way,
+                        (ray.origin, wi),
+                        lamp,
+                        (w, sequence),
+                        rays,
+                    );
+            }
+            let Some(hit) = hit.filter(|h| self.world.pass(self.scene, h.triangle, h.bary) != Vec3::ZERO)
+            else {
+                break;
+            };
+            let Onward::Through { tint, origin } = self.encounter(&hit, wi).onward(sequence) else { break };
+            left *= tint * Crossed::new(media, (ray.origin, wi, length)).left;
+            ray.origin = origin;
+        }
+        sum
+    }
+
+    /// By a ray from a spot within its cone.
+    fn through_cone(
+        &self,
+        (media, grid): (&Media, &LightGrid),
+        at: &Vertex,
+        lamp: &Punctual,
+        [u, v, w]: [f32; 3],
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Rgb {
+        let Some((axis, one_minus_cos)) = lamp.cone() else { return Vec3::ZERO };
+        let direction = Frame::new(axis).to_world(square_to_cone([u, v], one_minus_cos));
+        // Off what the lamp may lie on.
+        let off = offset_distance(lamp.position().abs().max_element());
+        let origin = lamp.position() + direction * off;
+        let mut ray = Ray { origin, direction, t_max: f32::INFINITY };
+        // Over the density of the direction.
+        let mut left = Vec3::splat(2.0 * PI * one_minus_cos);
+        let mut sum = Vec3::ZERO;
+        for _ in 0..MAX_LAYERS {
+            *rays += 1;
+            let hit = self.closest(&ray);
+            let length = hit.map_or(f32::INFINITY, |h| h.t);
+            if let Some(way) = Way::new(media, ray.origin, direction, length) {
+                sum += left * self.scattered_to((media, grid), &way, (&ray, lamp), at, w, rays);
+            }
+            let Some(hit) = hit.filter(|h| self.world.pass(self.scene, h.triangle, h.bary) != Vec3::ZERO)
+            else {
+                break;
+            };
+            let Onward::Through { tint, origin } = self.encounter(&hit, direction).onward(sequence) else {
+                break;
+            };
+            left *= tint * Crossed::new(grid.media(), (ray.origin, direction, length)).left;
+            ray.origin = origin;
+        }
+        sum
+    }
+
+    /// What of a lamp's ray is scattered to a receiver at one place, `E / pi` per density of the ray's direction.
+    fn scattered_to(
+        &self,
+        (media, grid): (&Media, &LightGrid),
+        way: &Way<'_>,
+        (ray, lamp): (&Ray, &Punctual),
+        at: &Vertex,
+        u: f32,
+        rays: &mut u32,
+    ) -> Rgb {
+        let (from, to) = way.span();
+        let Some((t, pdf)) = equi_angular(at.position - ray.origin, ray.direction, from, to, u) else {
+            return Vec3::ZERO;
+        };
+        let p = ray.origin + ray.direction * t;
+        let d = p - at.position;
+        let distance = d.length();
+        let wi = d / distance;
+        let cos = wi.dot(at.shading_normal);
+        if !(0.0 < cos) || (wi.dot(at.geometric_normal) <= 0.0 && !at.detached) {
+            return Vec3::ZERO;
+        }
+        let (Some(light), Some(here)) = (lamp.incident(p), way.coefficients(t)) else { return Vec3::ZERO };
+        let seen = self.unblocked(at, wi, distance, rays);
+        if seen == Vec3::ZERO {
+            return seen;
+        }
+        // The lamp's intensity along the ray; its distance cancels against that of the place.
+        let intensity = light.illuminance * (light.distance * light.distance);
+        let phase = media.phase(here.g, light.wi.dot(wi));
+        let through = grid.media().transmittance(ray.origin, ray.direction, t)
+            * media.transmittance(at.position, wi, distance);
+        intensity * seen * through * here.sigma_s * (phase * cos * FRAC_1_PI / (pdf * distance * distance))
+    }
+
+    /// As [`Kernel::lamps_through_air`] where the light is one part of many: as often as it is lost on the way to the nearest lamp.
+    pub(crate) fn lamps_now_and_then(&self, at: &Vertex, sequence: &mut Sequence, rays: &mut u32) -> Rgb {
+        let Some(media) = self.media.filter(|_| self.has_lamps_in_air()) else { return Vec3::ZERO };
+        let (lamps, groups) = (&self.lights.punctual, self.lights.emitters.groups());
+        let all = lamps.iter().map(Punctual::position).chain(groups.iter().map(|g| g.centre));
+        let d = all.map(|p| p - at.position).min_by(|a, b| a.length_squared().total_cmp(&b.length_squared()));
+        let Some(d) = d else { return Vec3::ZERO };
+        let length = d.length();
+        let crossed = Crossed::new(media, (at.position, d / length.max(f32::MIN_POSITIVE), length));
+        let chance = (EAGER * crossed.gone).clamp(LEAST, 1.0);
+        if chance < 1.0 && chance <= sequence.coin() {
+            return Vec3::ZERO;
+        }
+        self.lamps_through_air(at, sequence, rays) / chance
+    }
+
+    /// Light of one lamp or emissive surface that is scattered into a ray.
+    pub(crate) fn lamp_along(
+        &self,
+        (media, grid): (&Media, &LightGrid),
+        (origin, direction, length): (Vec3A, Vec3A, f32),
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Rgb {
+        let (lamps, groups) = (&self.lights.punctual, self.lights.emitters.groups());
+        if lamps.is_empty() && groups.is_empty() {
+            return Vec3::ZERO;
+        }
+        let Some(way) = &Way::new(media, origin, direction, length) else { return Vec3::ZERO };
+        let [a, b, c, _] = sequence.next4();
+        let (from, to) = way.span();
+        let weigh = |i: usize| -> f32 {
+            if i < lamps.len() {
+                let Some((from, to)) = lamps[i].lit_part(origin, direction, from, to) else { return 0.0 };
+                luminance(lamps[i].intensity()) * view(lamps[i].position() - origin, direction, from, to, 0.0)
+            } else {
+                let group = &groups[i - lamps.len()];
+                group.intensity * view(group.centre - origin, direction, from, to, group.radius)
+            }
+        };
+        let Some((i, chance)) = choose(lamps.len() + groups.len(), weigh, a) else { return Vec3::ZERO };
+        let lamp = match lamps.get(i) {
+            Some(lamp) => Lamp::Punctual(i, lamp),
+            None => {
+                let [_, e, f, _] = sequence.coins(2);
+                Lamp::Patch(i, self.lights.emitters.sample_group(&groups[i - lamps.len()], c, [e, f]))
+            }
+        };
+        self.scattered_once((media, grid), way, (origin, direction), &lamp, (b, sequence), rays) / chance
+    }
+
+    /// Light of a lamp that is scattered into a ray, from one place on it that `u` chooses.
+    fn scattered_once(
+        &self,
+        (media, grid): (&Media, &LightGrid),
+        way: &Way<'_>,
+        (origin, direction): (Vec3A, Vec3A),
+        lamp: &Lamp<'_>,
+        (u, sequence): (f32, &Sequence),
+        rays: &mut u32,
+    ) -> Rgb {
+        let (mut from, mut to) = way.span();
+        if let Lamp::Punctual(_, lamp) = lamp {
+            let Some(lit) = lamp.lit_part(origin, direction, from, to) else { return Vec3::ZERO };
+            (from, to) = lit;
+        }
+        let Some((t, pdf)) = equi_angular(lamp.position() - origin, direction, from, to, u) else {
+            return Vec3::ZERO;
+        };
+        let p = origin + direction * t;
+        // Light at the place, the number of the lamp, and how far rays may go that ask for it.
+        let (index, light, distance) = match lamp {
+            Lamp::Punctual(i, lamp) => {
+                let Some(light) = lamp.incident(p) else { return Vec3::ZERO };
+                (*i, light, reach(p, light.wi * light.distance))
+            }
+            Lamp::Patch(i, at) => {
+                let Some((light, reach)) = self.patch_at(at, p) else { return Vec3::ZERO };
+                (*i, light, reach)
+            }
+        };
+        let Some(here) = way.coefficients(t) else { return Vec3::ZERO };
+        let [coin, ..] = sequence.coins(2);
+        let left = self
+            .seen(grid, grid.inside(p), index, coin, || self.unblocked(&in_air(p), light.wi, distance, rays));
+        if left == Vec3::ZERO {
+            return Vec3::ZERO;
+        }
+        let phase = media.phase(here.g, light.wi.dot(direction));
+        let through = way.transmittance(t) * grid.media().transmittance(p, light.wi, light.distance);
+        light.illuminance * left * through * here.sigma_s * (phase / pdf)
+    }
+
+    /// What a place on an emissive surface, which stands for all of it, brings to a place in the air, and how far a ray may go that asks for it.
+    fn patch_at(&self, at: &GroupSample, p: Vec3A) -> Option<(Incident, f32)> {
+        let d = at.position - p;
+        let distance = d.length();
+        let wi = d / distance;
+        let cos = -wi.dot(at.normal);
+        let cos = if at.both_sides { cos.abs() } else { cos };
+        if !(0.0 < cos && wi.is_finite()) {
+            return None;
+        }
+        let emission = self.world.shade(self.scene, at.triangle, at.bary).emission;
+        let illuminance = emission * (cos / (distance * distance * at.pdf));
+        let offset = self.world.point(at.triangle, at.bary).offset;
+        Some((Incident { wi, distance, illuminance }, distance - 2.0 * offset))
+    }
+
+    /// Light that comes straight to a place in the air, a direction and an illuminance each, lux: of suns, of lamps and of emissive surfaces that grids do not hold.
+    /// Lights whose direct part the game adds are left out. Of many one stands for all.
+    pub(crate) fn straight_to(
+        &self,
+        grid: &LightGrid,
+        p: Vec3A,
+        sequence: &mut Sequence,
+        rays: &mut u32,
+        mut visit: impl FnMut(Vec3A, Rgb),
+    ) {
+        let l = self.lights;
+        let mut see = |light: &Incident, reach: f32, weight: f32, rays: &mut u32| {
+            let left = self.unblocked(&in_air(p), light.wi, reach, rays);
+            if left != Vec3::ZERO {
+                let through = grid.media().transmittance(p, light.wi, light.distance);
+                visit(light.wi, light.illuminance * left * through * weight);
+            }
+        };
+        let [a, b, c, d] = sequence.next4();
+        let [e, f, _, _] = sequence.next4();
+        for sun in l.suns.iter().filter(|s| !s.indirect_only) {
+            see(&sun.sample([a, b]), f32::INFINITY, 1.0, rays);
+        }
+        let lamps =
+            || l.punctual.iter().filter(|lamp| !lamp.indirect_only).filter_map(|lamp| lamp.incident(p));
+        if l.punctual.len() <= FEW {
+            for light in lamps() {
+                see(&light, reach(p, light.wi * light.distance), 1.0, rays);
+            }
+        } else {
+            let all: f32 = lamps().map(|light| luminance(light.illuminance)).sum();
+            let mut rest = c * all;
+            for light in lamps() {
+                let weight = luminance(light.illuminance);
+                rest -= weight;
+                if rest < 0.0 {
+                    see(&light, reach(p, light.wi * light.distance), all / weight, rays);
+                    break;
+                }
+            }
+        }
+        let groups = l.emitters.groups();
+        let weigh = |g: &Group| g.intensity / (g.centre - p).length_squared().max(g.radius * g.radius);
+        if let Some((i, chance)) = choose(groups.len(), |i| weigh(&groups[i]), d) {
+            let [w, ..] = sequence.next4();
+            let at = l.emitters.sample_group(&groups[i], e, [f, w]);
+            if let Some((light, reach)) = self.patch_at(&at, p) {
+                see(&light, reach, 1.0 / chance, rays);
+            }
+        }
+    }
+}
+
+/// One of `n` in proportion to its weight, and the probability of that.
+fn choose(n: usize, weigh: impl Fn(usize) -> f32, u: f32) -> Option<(usize, f32)> {
+    if n <= 1 {
+        return (n == 1).then_some((0, 1.0));
+    }
+    // Few are weighed once, many twice.
+    let mut weights = [0.0; FEW];
+    let total: f32 = if n <= FEW {
+        weights[..n].iter_mut().enumerate().for_each(|(i, w)| *w = weigh(i));
+        weights.iter().sum()
+    } else {
+        (0..n).map(&weigh).sum()
+    };
+    if !(0.0 < total && total.is_finite()) {
+        return None;
+    }
+    let mut rest = u * total;
+    let mut chosen = None;
+    for i in 0..n {
+        let w = weights.get(i).filter(|_| n <= FEW).copied().unwrap_or_else(|| weigh(i));
+        if 0.0 < w {
+            chosen = Some((i, w / total));
+            rest -= w;
+            if rest < 0.0 {
+                break;
+            }
+        }
+    }
+    chosen
+}
+
+/// What a lamp of 1 cd would scatter into a part of a ray but for constants, if nothing were in the way: the angle that it is seen under over how far
+/// aside the lamp lies, 1/m; no nearer than `radius`.
+fn view(to_lamp: Vec3A, direction: Vec3A, from: f32, to: f32, radius: f32) -> f32 {
+    let nearest = to_lamp.dot(direction);
+    let aside2 = (to_lamp.length_squared() - nearest * nearest)
+        .max(radius * radius)
+        .max(1e-12 * to_lamp.length_squared());
+    let aside = aside2.sqrt();
+    let (a, b) = (from - nearest, if to.is_finite() { to - nearest } else { 1e6 * aside });
+    // The angle between the ways from the lamp to both ends.
+    let cos = (aside2 + a * b) / ((aside2 + a * a) * (aside2 + b * b)).sqrt();
+    let x = cos.abs().min(1.0);
+    // Abramowitz and Stegun 4.4.45: within 7e-5 of the arc cosine.
+    let acos = (1.0 - x).sqrt() * (1.570_728_8 + x * (-0.212_114_4 + x * (0.074_261 - 0.018_729_3 * x)));
+    let angle = if cos < 0.0 { PI - acos } else { acos };
+    // Never 0 where there is light.
+    angle.max(1e-6 * (b - a) / (aside + a.abs())) / aside
+}
