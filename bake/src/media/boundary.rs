@@ -182,7 +182,7 @@ impl Boundary {
         let (low, high) = if count.missing == 0 {
             (0.0, t_max)
         } else {
-            slabs(self.bounds.0, self.bounds.1, origin, direction, t_max)
+            slabs(self.bounds.0.into(), self.bounds.1.into(), origin, direction, t_max)
         };
 
         let mut turns = count.start;

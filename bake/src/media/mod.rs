@@ -41,8 +41,8 @@ struct Body {
 enum Shape {
     Everywhere,
     Box {
-        min: Vec3,
-        max: Vec3,
+        min: Vec3A,
+        max: Vec3A,
     },
     /// Where the affine map leads into the cube [0, 1]^3.
     Turned(Affine3A),
@@ -198,12 +198,11 @@ impl Media {
     #[inline]
     pub fn plain(&self, origin: Vec3A, direction: Vec3A, t_max: f32) -> Option<(f32, f32, Coefficients)> {
         let [b] = self.bodies.as_slice() else { return None };
-        if !matches!(b.density, Density::Constant) || matches!(b.shape, Shape::Mesh(_)) {
+        if !matches!(b.density, Density::Constant) {
             return None;
         }
-        let mut ends = (0.0, 0.0);
-        b.parts(origin, direction, t_max, |from, to| ends = (from, to));
-        Some((ends.0, ends.1, Coefficients { sigma_s: b.sigma_s, sigma_t: b.sigma_s + b.sigma_a, g: b.g }))
+        let (from, to) = b.span(origin, direction, t_max)?;
+        Some((from, to, Coefficients { sigma_s: b.sigma_s, sigma_t: b.sigma_s + b.sigma_a, g: b.g }))
     }
 
     /// Bytes that grids of voxels hold.
@@ -220,6 +219,9 @@ impl Media {
     #[must_use]
     #[inline]
     pub fn optical_depth(&self, origin: Vec3A, direction: Vec3A, t_max: f32) -> Rgb {
+        if let Some((from, to, c)) = self.plain(origin, direction, t_max) {
+            return along(c.sigma_t, to - from);
+        }
         let mut depth = Vec3::ZERO;
         for b in &self.bodies {
             let metres = b.metres(origin, direction, t_max);
@@ -397,7 +399,9 @@ impl Body {
         let moved = |to: Affine3A| to * Affine3A::from_translation(origin);
         let shape = match &medium.region {
             Region::Everywhere => Shape::Everywhere,
-            Region::Box { min, max } => Shape::Box { min: *min - origin, max: *max - origin },
+            Region::Box { min, max } => {
+                Shape::Box { min: (*min - origin).into(), max: (*max - origin).into() }
+            }
             Region::Turned { unit_from_world } => Shape::Turned(moved(*unit_from_world)),
             Region::Mesh(shell) => Shape::Mesh(boundary(shell).moved(origin)),
         };
@@ -424,7 +428,7 @@ impl Body {
         };
         let shape = match &self.shape {
             Shape::Everywhere => None,
-            Shape::Box { min, max } => Some((*min, *max)),
+            Shape::Box { min, max } => Some(((*min).into(), (*max).into())),
             Shape::Turned(unit_from_world) => Some(cube(Vec3::ONE, unit_from_world.inverse())),
             Shape::Mesh(boundary) => Some(boundary.bounds()),
         };
@@ -440,6 +444,18 @@ impl Body {
         }
     }
 
+    /// From where to where a ray's first `t_max` metres are inside, of no length where they never are; `None` for meshes.
+    #[inline]
+    fn span(&self, origin: Vec3A, direction: Vec3A, t_max: f32) -> Option<(f32, f32)> {
+        let (from, to) = match &self.shape {
+            Shape::Everywhere => (0.0, t_max),
+            Shape::Box { min, max } => slabs(*min, *max, origin, direction, t_max),
+            Shape::Turned(unit_from_world) => turned(unit_from_world, origin, direction, t_max),
+            Shape::Mesh(_) => return None,
+        };
+        Some(if from < to { (from, to) } else { (0.0, 0.0) })
+    }
+
     /// Metres of density 1 that a ray's first `t_max` metres are worth.
     #[inline]
     fn metres(&self, origin: Vec3A, direction: Vec3A, t_max: f32) -> f32 {
@@ -453,11 +469,11 @@ impl Body {
     /// The parts of a ray's first `t_max` metres that are inside, in order.
     #[inline]
     fn parts(&self, origin: Vec3A, direction: Vec3A, t_max: f32, mut visit: impl FnMut(f32, f32)) {
-        let (from, to) = match &self.shape {
-            Shape::Everywhere => (0.0, t_max),
-            Shape::Box { min, max } => slabs(*min, *max, origin, direction, t_max),
-            Shape::Turned(unit_from_world) => turned(unit_from_world, origin, direction, t_max),
-            Shape::Mesh(boundary) => return meshed(boundary, origin, direction, t_max, &mut visit),
+        let Some((from, to)) = self.span(origin, direction, t_max) else {
+            if let Shape::Mesh(boundary) = &self.shape {
+                meshed(boundary, origin, direction, t_max, &mut visit);
+            }
+            return;
         };
         if from < to {
             visit(from, to);
@@ -470,7 +486,7 @@ fn turned(unit_from_world: &Affine3A, origin: Vec3A, direction: Vec3A, t_max: f3
     let origin = unit_from_world.transform_point3a(origin);
     // Not normalised, so that lengths along the ray stay what they are.
     let direction = unit_from_world.transform_vector3a(direction);
-    slabs(Vec3::ZERO, Vec3::ONE, origin, direction, t_max)
+    slabs(Vec3A::ZERO, Vec3A::ONE, origin, direction, t_max)
 }
 
 fn meshed(boundary: &Boundary, origin: Vec3A, direction: Vec3A, t_max: f32, visit: &mut dyn FnMut(f32, f32)) {
@@ -532,18 +548,18 @@ pub fn along(sigma: Rgb, length: f32) -> Rgb {
 
 /// From where to where a ray is inside a box; the first is not below the second if it never is.
 #[inline]
-fn slabs(min: Vec3, max: Vec3, origin: Vec3A, direction: Vec3A, t_max: f32) -> (f32, f32) {
+fn slabs(min: Vec3A, max: Vec3A, origin: Vec3A, direction: Vec3A, t_max: f32) -> (f32, f32) {
     let inverse = direction.recip();
     if !inverse.is_finite() {
         return slabs_along_faces(min, max, origin, direction, t_max);
     }
-    let (a, b) = ((Vec3A::from(min) - origin) * inverse, (Vec3A::from(max) - origin) * inverse);
+    let (a, b) = ((min - origin) * inverse, (max - origin) * inverse);
     (a.min(b).max_element().max(0.0), a.max(b).min_element().min(t_max))
 }
 
 /// [`slabs`] for rays that may be parallel to faces.
 #[cold]
-fn slabs_along_faces(min: Vec3, max: Vec3, origin: Vec3A, direction: Vec3A, t_max: f32) -> (f32, f32) {
+fn slabs_along_faces(min: Vec3A, max: Vec3A, origin: Vec3A, direction: Vec3A, t_max: f32) -> (f32, f32) {
     let (mut from, mut to) = (0.0f32, t_max);
     for axis in 0..3 {
         let (o, d) = (origin[axis], direction[axis]);

@@ -67,7 +67,7 @@ const PER_ENTRY: u64 = 4;
 const PER_CORNERS: u64 = 24;
 
 /// Bytes of the solution for each covered texel.
-pub(crate) const PER_SOLVED: u64 = 80;
+pub(crate) const PER_SOLVED: u64 = 92;
 
 /// Deviations and next samples of each covered texel while a round is planned, and its variance on the page.
 const PER_COVERED_PLANNED: u64 = 16;
@@ -193,8 +193,8 @@ pub(crate) const PER_LINK: u64 = 28;
 /// Light at a node of the light grid.
 pub(crate) const PER_NODE: u64 = 108;
 
-/// What lists of links and what nodes see take beside, a node.
-const PER_NODE_FILLED: u64 = 64;
+/// What lists of links and what cells know take beside, a node.
+const PER_NODE_FILLED: u64 = 96;
 
 /// While the light grid is filled, and when it is.
 fn grid_bytes(plan: &Plan) -> (u64, u64) {

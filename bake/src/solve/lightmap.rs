@@ -46,10 +46,12 @@ const AUDIT: u64 = 0x4155;
 /// dim corner many paths.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Texel {
-    /// Straight from suns and lamps.
+    /// Straight from suns and lamps, and from lamps by way of the media in front of the texel.
     pub small: Gathered,
     /// Everything else.
     pub paths: Gathered,
+    /// The part of `small` that media scattered on its way, `E / pi`, nits.
+    pub scattered: Rgb,
     /// The part of `paths` that was not reflected on its way, `E / pi`, nits.
     pub unreflected: Rgb,
     /// Part of the texel's square that its chart covers.
@@ -103,13 +105,13 @@ impl Texel {
     /// `E / pi` straight from lights, nits.
     #[must_use]
     pub fn direct(&self) -> Rgb {
-        self.small.mean + self.unreflected
+        (self.small.mean - self.scattered).max(Vec3::ZERO) + self.unreflected
     }
 
-    /// `E / pi` after at least one reflection, nits.
+    /// `E / pi` after it was reflected or scattered at least once, nits.
     #[must_use]
     pub fn indirect(&self) -> Rgb {
-        (self.paths.mean - self.unreflected).max(Vec3::ZERO)
+        (self.paths.mean - self.unreflected).max(Vec3::ZERO) + self.scattered
     }
 
     /// Standard error of [`Texel::value`], nits.
@@ -427,9 +429,13 @@ fn add(at: &Place<'_>, kind: Kind, n: u32, texel: &mut Texel, scratch: &mut Vec<
     // Samples that fall on hidden parts of the texel count as asked for, so that no number is used twice.
     let new = Gathered { samples: n, ..Gathered::of(scratch) };
     *gathered = gathered.merge(new);
+    let part = n as f32 / gathered.samples as f32;
     if kind == Kind::Path {
         let (unreflected, _) = mean_and_error(scratch.iter().map(|s| s.direct));
-        texel.unreflected = texel.unreflected.lerp(unreflected, n as f32 / texel.paths.samples as f32);
+        texel.unreflected = texel.unreflected.lerp(unreflected, part);
+    } else if at.kernel.has_lamps_in_air() {
+        let (scattered, _) = mean_and_error(scratch.iter().map(|s| s.indirect));
+        texel.scattered = texel.scattered.lerp(scattered, part);
     }
 }
 

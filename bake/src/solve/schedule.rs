@@ -111,7 +111,7 @@ impl Task<'_> {
         let first = (means.first().copied().unwrap_or(0.0).round() as u32).max(FIRST);
         let last = f64::from(means.last().copied().unwrap_or(0.0)).max(f64::from(first));
         expect(monitor, last * n);
-        let mut solution = self.first(first, small(first), monitor)?;
+        let mut solution = self.first(first, small(first, self.kernel.has_lamps_in_air()), monitor)?;
         solution.rounds = vec![first as f32];
         for &mean in means.iter().skip(1) {
             self.round(Goal::Mean(f64::from(mean)), &mut solution, monitor)?;
@@ -177,7 +177,7 @@ impl Task<'_> {
     fn budget(&self, monitor: &Monitor) -> Result<Solution, Error> {
         let n = self.map.texels.len().max(1) as f64;
         let begin = Instant::now();
-        let mut solution = self.first(FIRST, small(FIRST), monitor)?;
+        let mut solution = self.first(FIRST, small(FIRST, self.kernel.has_lamps_in_air()), monitor)?;
         solution.rounds = vec![FIRST as f32];
         let mut sampling = begin.elapsed().as_secs_f64();
         for part in PARTS {
@@ -229,9 +229,9 @@ pub fn mean_luminance(
 }
 
 /// Samples of suns and lamps in a first round beside so many paths. Most texels see all of a light or nothing of it, and
-/// what the others need is known from few.
-fn small(paths: u32) -> u32 {
-    (paths / 2).max(FIRST)
+/// what the others need is known from few. Where lamps light the air as well, a sample takes twice the time.
+fn small(paths: u32, in_air: bool) -> u32 {
+    (paths / if in_air { 4 } else { 2 }).max(FIRST)
 }
 
 /// Tells whoever waits how many paths the page will have.

@@ -1,6 +1,6 @@
 //! Media along a ray: what is left of light, and places in them.
 
-use crate::media::{along, Coefficients, Media, Segment, attenuated, is_grey};
+use crate::media::{Coefficients, Media, Segment, along, attenuated, is_grey};
 use crate::sample::warp::Frame;
 use crate::scene::model::Rgb;
 use glam::{Vec3, Vec3A};
@@ -89,14 +89,39 @@ impl Crossed {
             Some((from, to, c)) => along(c.sigma_t, to - from),
             None => media.optical_depth(origin, direction, length),
         };
-        let (left, most) = (attenuated(depth), depth.max_element());
-        Self { plain, depth, left, gone: if most < THIN { -(-most).exp_m1() } else { 1.0 - left.min_element() } }
+        let most = depth.max_element();
+        let (left, gone) = if THIN <= most {
+            let left = attenuated(depth);
+            (left, 1.0 - left.min_element())
+        } else {
+            let gone = -(-most).exp_m1();
+            (if is_grey(depth) { Vec3::splat(1.0 - gone) } else { attenuated(depth) }, gone)
+        };
+        Self { plain, depth, left, gone }
     }
 
     /// What does not get through in a channel.
     fn lost(&self, channel: usize) -> f32 {
         let depth = self.depth[channel];
-        if depth < THIN { -(-depth).exp_m1() } else { 1.0 - self.left[channel] }
+        if depth == self.depth.max_element() {
+            self.gone
+        } else if depth < THIN {
+            -(-depth).exp_m1()
+        } else {
+            1.0 - self.left[channel]
+        }
+    }
+}
+
+/// -ln(1 - x), which free flight asks for.
+#[inline]
+fn depth_of(x: f32) -> f32 {
+    if x < 0.125 {
+        // The first term left out is x^8 / 8: half a unit in the last place.
+        const TERMS: [f32; 6] = [1.0 / 7.0, 1.0 / 6.0, 1.0 / 5.0, 1.0 / 4.0, 1.0 / 3.0, 1.0 / 2.0];
+        x * (1.0 + x * TERMS.iter().fold(0.0, |sum, term| sum * x + term))
+    } else {
+        -(-x).ln_1p()
     }
 }
 
@@ -151,11 +176,7 @@ impl<'a> Way<'a> {
 
     /// The same where it is known already what the media do to light.
     #[inline]
-    pub(crate) fn across(
-        media: &'a Media,
-        ray: (Vec3A, Vec3A, f32),
-        crossed: &Crossed,
-    ) -> Option<Self> {
+    pub(crate) fn across(media: &'a Media, ray: (Vec3A, Vec3A, f32), crossed: &Crossed) -> Option<Self> {
         Self::of(media, ray, crossed.plain)
     }
 
@@ -197,7 +218,7 @@ impl<'a> Way<'a> {
         let k = if grey { 0 } else { middle(c.sigma_t) };
         let sigma = c.sigma_t[k];
         let lost = crossed.lost(k) / ((left[k] + 1.0) * (half[k] + 1.0));
-        let at = (-(-u * lost).ln_1p() / sigma).min(step);
+        let at = (depth_of(u * lost) / sigma).min(step);
         let mut weight = c.sigma_s * (lost / sigma);
         if !grey {
             weight *= ((sigma - c.sigma_t) * at).exp();
@@ -251,7 +272,7 @@ impl<'a> Way<'a> {
             Some((from, to, c)) => {
                 let length = to - from;
                 let gone = |k: usize| -(-c.sigma_t[k] * length).exp_m1();
-                let place = |gone: f32, u: f32, sigma: f32| (-(-u * gone).ln_1p() / sigma).min(length);
+                let place = |gone: f32, u: f32, sigma: f32| (depth_of(u * gone) / sigma).min(length);
                 if is_grey(c.sigma_s) && is_grey(c.sigma_t) {
                     let gone = gone(0);
                     let weight = c.sigma_s * (gone / c.sigma_t.x);

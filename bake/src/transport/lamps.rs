@@ -31,7 +31,7 @@ use std::f32::consts::{FRAC_1_PI, PI};
 const FEW: usize = 16;
 
 /// Vertices behind the first are asked for lamps' light in the air as often as light is lost on the way to the nearest lamp, times this.
-const EAGER: f32 = 2.0;
+const EAGER: f32 = 0.25;
 
 /// And at least so often.
 const LEAST: f32 = 1.0 / 16.0;
@@ -84,9 +84,7 @@ impl Kernel<'_> {
             Some(lamp) if !lamp.shines_on(at.position) => {
                 self.through_cone((media, grid), at, lamp, [u, v, w], sequence, rays)
             }
-            Some(lamp) => {
-                self.around((media, grid), at, &Lamp::Punctual(i, lamp), [u, v, w], sequence, rays)
-            }
+            Some(lamp) => self.around((media, grid), at, &Lamp::Punctual(i, lamp), [u, v, w], sequence, rays),
             None => {
                 let [b, c, d, _] = sequence.next4();
                 let patch = self.lights.emitters.sample_group(&groups[i - lamps.len()], b, [c, d]);
@@ -129,14 +127,7 @@ impl Kernel<'_> {
             let length = hit.map_or(f32::INFINITY, |h| h.t);
             if let Some(way) = Way::new(media, ray.origin, wi, length) {
                 sum += left
-                    * self.scattered_once(
-                        (media, grid),
-                        &way,
-                        (ray.origin, wi),
-                        lamp,
-                        (w, sequence),
-                        rays,
-                    );
+                    * self.scattered_once((media, grid), &way, (ray.origin, wi), lamp, (w, sequence), rays);
             }
             let Some(hit) = hit.filter(|h| self.world.pass(self.scene, h.triangle, h.bary) != Vec3::ZERO)
             else {

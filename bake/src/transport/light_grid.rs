@@ -61,24 +61,14 @@ pub struct LightGrid {
     sun: Vec3A,
 }
 
-/// Light in a cell: what all of it has for certain, or its mean where nothing stands in it.
+/// Mean of the light in a cell in which nothing stands.
 #[derive(Clone, Copy, Debug, Default)]
+#[repr(align(32))]
 struct Summary {
-    /// What is scattered per unit of sigma_s where scattering is isotropic, nits.
+    /// Mean radiance over all directions, nits.
     even: Rgb,
-    /// Times the cosine of a direction with each axis and the mean cosine: what is scattered more into it.
-    vector: [Rgb; 3],
     /// Illuminance of the strongest sun, lux.
     sun: Rgb,
-}
-
-/// A ray that places scatter light into; see [`LightGrid::towards`].
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Towards {
-    /// Its direction times the mean cosine.
-    lean: Vec3A,
-    /// Phase function between it and the sun that cells know apart.
-    phase: f32,
 }
 
 /// A place in the lattice.
@@ -233,34 +223,34 @@ impl LightGrid {
         self.occupied[cell]
     }
 
-    /// What has to be known of a ray with the direction `d` where media have the mean cosine `g`.
+    /// Phase function between the sun that cells know apart and rays with the direction `d`, where media have the mean cosine `g`.
     #[inline]
-    pub(crate) fn towards(&self, d: Vec3A, g: f32) -> Towards {
-        let phase = if g == 0.0 { 0.25 * FRAC_1_PI } else { henyey_greenstein(g, self.sun.dot(d)) };
-        Towards { lean: g * d, phase }
+    pub(crate) fn phase_of_sun(&self, d: Vec3A, g: f32) -> f32 {
+        if g == 0.0 { 0.25 * FRAC_1_PI } else { henyey_greenstein(g, self.sun.dot(d)) }
     }
 
-    /// What a place in a cell scatters into a ray, as far as the cell knows it, per unit of sigma_s.
+    /// What a place in a cell scatters into a ray, as far as the cell knows it, per unit of sigma_s; `phase` is [`LightGrid::phase_of_sun`].
     #[inline]
-    pub(crate) fn known(&self, cell: usize, ray: &Towards) -> Rgb {
-        let Some(s) = self.summaries.get(cell) else { return Vec3::ZERO };
-        let even = s.even + s.sun * ray.phase;
-        if ray.lean == Vec3A::ZERO {
-            return even;
-        }
-        even + s.vector[0] * ray.lean.x + s.vector[1] * ray.lean.y + s.vector[2] * ray.lean.z
+    pub(crate) fn known(&self, cell: usize, phase: f32) -> Rgb {
+        self.summaries.get(cell).map_or(Vec3::ZERO, |s| s.even + s.sun * phase)
     }
 
     /// The same at places one after the other, each times its weight, in all.
     #[inline]
-    pub(crate) fn known_along<const N: usize>(&self, ray: &Towards, first: Vec3A, step: Vec3A, weights: &[Rgb; N]) -> Rgb {
+    pub(crate) fn known_along<const N: usize>(
+        &self,
+        phase: f32,
+        first: Vec3A,
+        step: Vec3A,
+        weights: &[Rgb; N],
+    ) -> Rgb {
         let (x, dx) = ((first - self.origin) * self.per_metre, step * self.per_metre);
         let last = (self.size - 2).as_vec3a();
         let row = self.size - 1;
         let mut sum = Vec3::ZERO;
         for (k, weight) in weights.iter().enumerate() {
             let c = (x + dx * k as f32).clamp(Vec3A::ZERO, last).as_uvec3();
-            sum += *weight * self.known(((c.z * row.y + c.y) * row.x + c.x) as usize, ray);
+            sum += *weight * self.known(((c.z * row.y + c.y) * row.x + c.x) as usize, phase);
         }
         sum
     }
@@ -279,24 +269,18 @@ impl LightGrid {
             let at = Inside { cell, first: self.node_index(corner), part: Vec3A::ZERO };
             let nodes: [&[Rgb; COEFFICIENTS]; 8] = std::array::from_fn(|k| &self.light[self.corner(at, k)]);
             let mut s = Summary::default();
-            if self.occupied[cell] {
-                // On either side of a wall it may be dark.
-                let least = nodes.iter().map(|n| n[0]).reduce(Vec3::min).unwrap_or_default();
-                s.even = harmonics(Vec3A::Z)[0] * least.max(Vec3::ZERO);
-            } else {
-                let mean = |k: usize| nodes.iter().map(|n| n[k]).sum::<Vec3>() / 8.0;
-                s.even = harmonics(Vec3A::Z)[0] * mean(0);
-                s.vector = [(3, Vec3A::X), (1, Vec3A::Y), (2, Vec3A::Z)].map(|(k, axis)| harmonics(axis)[k] * mean(k));
+            // Where something stands it may be dark on one side, and what is dark has to stay so exactly.
+            if !self.occupied[cell] {
+                s.even = harmonics(Vec3A::Z)[0] * nodes.iter().map(|n| n[0]).sum::<Vec3>() / 8.0;
                 let middle = self.node(at.first) + 0.5 * self.cell;
-                for &(light, wi, illuminance) in suns.iter().filter(|s| self.seen(cell, s.0) == Seen::Everywhere) {
+                for &(light, wi, illuminance) in
+                    suns.iter().filter(|s| self.seen(cell, s.0) == Seen::Everywhere)
+                {
                     let arrives = illuminance * self.media.transmittance(middle, wi, f32::INFINITY);
                     if Some(light) == strongest.map(|s| s.0) {
                         s.sun = arrives;
                     } else {
                         s.even += arrives * (0.25 * FRAC_1_PI);
-                        for (v, d) in s.vector.iter_mut().zip(wi.to_array()) {
-                            *v += arrives * (0.75 * FRAC_1_PI * d);
-                        }
                     }
                 }
             }

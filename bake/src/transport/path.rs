@@ -315,7 +315,9 @@ impl Kernel<'_> {
             let strongest = throughput.max_element();
             // A path inside a closed body of albedo 1 would never get weaker, so depth counts as well.
             let limit = if depth < DEEP { 1.0 } else { DEEP_SURVIVAL };
-            let survival = (strongest / ROULETTE_BELOW).min(limit);
+            // One of many short paths, whose mean counts.
+            let below = if stage == Stage::Whole { ROULETTE_BELOW } else { 1.0 };
+            let survival = (strongest / below).min(limit);
             if survival < 1.0 {
                 if survival <= c {
                     break;
