@@ -34,7 +34,7 @@ impl Quality {
     pub const fn light_grid(self) -> Fineness {
         let (nodes, paths) = match self {
             Self::Draft => (1 << 10, 32),
-            Self::Medium => (1 << 12, 32),
+            Self::Medium => (1 << 13, 24),
             Self::High => (1 << 14, 64),
         };
         Fineness { nodes, paths, orders: None }

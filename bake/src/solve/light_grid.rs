@@ -139,10 +139,10 @@ impl Gathering {
 }
 
 /// Places around each node at which suns and lamps are looked at for [`all_light`].
-const PLACES: u32 = 16;
+const PLACES: u32 = 8;
 
 /// Directions in which nodes look for the backs of surfaces.
-const LOOKS: u32 = 32;
+const LOOKS: u32 = 16;
 
 /// A node that sees so many backs of surfaces is inside of something.
 const BACKS: usize = LOOKS as usize / 4;
@@ -241,13 +241,16 @@ fn look_around(
         let mut links = Links::new();
         let [a, b, c, _] = sequence.coins(AROUND);
         let from = in_air(kernel.near_node(grid, node, [a, b, c], &mut rays));
-        let light = kernel.arrives(&from, wi, Some(&mut links), &mut sequence, &mut rays);
-        if light.is_finite() {
-            let light = light * (4.0 * PI / directions.len() as f32);
-            for (sum, y) in found.light.iter_mut().zip(harmonics(wi)) {
-                *sum += light * y;
+        let mut add = |wi: Vec3A, light: Rgb| {
+            if light.is_finite() {
+                for (sum, y) in found.light.iter_mut().zip(harmonics(wi)) {
+                    *sum += light * (y / directions.len() as f32);
+                }
             }
-        }
+        };
+        kernel.lamps_around(&from, &mut sequence, &mut rays, &mut add);
+        let light = kernel.arrives(&from, wi, Some(&mut links), &mut sequence, &mut rays);
+        add(wi, light * (4.0 * PI));
         let chosen = &links.chosen()[..channels];
         weighs += chosen.iter().flatten().map(|l| l.weight).sum::<Vec3>();
         should += links.expected;

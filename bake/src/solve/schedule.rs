@@ -15,6 +15,9 @@ use std::time::Instant;
 /// Fewest paths in the first round, from which variances are first known.
 const FIRST: u32 = 8;
 
+/// Fewest samples of suns and lamps in the first round where lamps light the air as well.
+const FIRST_IN_AIR: u32 = 4;
+
 /// Paths in the first round where their number is not given.
 const LEARN: u32 = 16;
 
@@ -229,9 +232,9 @@ pub fn mean_luminance(
 }
 
 /// Samples of suns and lamps in a first round beside so many paths. Most texels see all of a light or nothing of it, and
-/// what the others need is known from few. Where lamps light the air as well, a sample takes twice the time.
+/// what the others need is known from few. Where lamps light the air as well, a sample takes twice the time, and fewer count as a path's share of it.
 fn small(paths: u32, in_air: bool) -> u32 {
-    (paths / if in_air { 4 } else { 2 }).max(FIRST)
+    if in_air { (paths / 6).max(FIRST_IN_AIR) } else { (paths / 2).max(FIRST) }
 }
 
 /// Tells whoever waits how many paths the page will have.

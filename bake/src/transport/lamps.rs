@@ -4,8 +4,7 @@
 //! rays that follow the cosine its variance has no bound. So the first leg of a receiver's light is gathered by rays of their own, [`Kernel::lamps_through_air`]:
 //! their angle from the lamp is uniform, which cancels the sine, and the place on them is equi-angular (\[KF12\]), which cancels the square of the
 //! distance. Where the receiver is outside of a spot's cone, rays start at the lamp and fill the cone, and the place on them is equi-angular as the
-//! receiver sees it. Vertices behind the first do so now and then, [`Kernel::lamps_now_and_then`]; rays from places in the air ask at one place on themselves,
-//! [`Kernel::lamp_along`].
+//! receiver sees it. Vertices behind the first do so now and then, [`Kernel::lamps_now_and_then`].
 //!
 //! Whether a light is seen from a place the cell of the light grid mostly knows, all of its nodes being of one opinion; where they are
 //! not, a ray asks, and elsewhere one does now and then, with the difference weighed up, so that the mean is right however coarse the grid is.
@@ -61,8 +60,21 @@ impl Kernel<'_> {
     /// Light of lamps and small emissive surfaces that media scatter between a vertex and what it sees, `E / pi`, nits. What passes from there on
     /// is left to paths.
     pub(crate) fn lamps_through_air(&self, at: &Vertex, sequence: &mut Sequence, rays: &mut u32) -> Rgb {
+        let mut sum = Vec3::ZERO;
+        self.lamps_around(at, sequence, rays, &mut |_, light| sum += light);
+        sum
+    }
+
+    /// The same with the direction that it comes from; at a place in the air the light is that of all directions, nits times steradian.
+    pub(crate) fn lamps_around(
+        &self,
+        at: &Vertex,
+        sequence: &mut Sequence,
+        rays: &mut u32,
+        visit: &mut dyn FnMut(Vec3A, Rgb),
+    ) {
         let Some((media, grid)) = self.media.zip(self.grid).filter(|_| self.has_lamps_in_air()) else {
-            return Vec3::ZERO;
+            return;
         };
         let (lamps, groups) = (&self.lights.punctual, self.lights.emitters.groups());
         let weigh = |i: usize| -> f32 {
@@ -79,19 +91,21 @@ impl Kernel<'_> {
             power / d
         };
         let [a, u, v, w] = sequence.next4();
-        let Some((i, chance)) = choose(lamps.len() + groups.len(), weigh, a) else { return Vec3::ZERO };
-        let light = match lamps.get(i) {
+        let Some((i, chance)) = choose(lamps.len() + groups.len(), weigh, a) else { return };
+        let visit = &mut |wi, light: Rgb| visit(wi, light / chance);
+        match lamps.get(i) {
             Some(lamp) if !lamp.shines_on(at.position) => {
-                self.through_cone((media, grid), at, lamp, [u, v, w], sequence, rays)
+                self.through_cone((media, grid), at, lamp, [u, v, w], (sequence, rays), visit)
             }
-            Some(lamp) => self.around((media, grid), at, &Lamp::Punctual(i, lamp), [u, v, w], sequence, rays),
+            Some(lamp) => {
+                self.around((media, grid), at, &Lamp::Punctual(i, lamp), [u, v, w], (sequence, rays), visit)
+            }
             None => {
                 let [b, c, d, _] = sequence.next4();
                 let patch = self.lights.emitters.sample_group(&groups[i - lamps.len()], b, [c, d]);
-                self.around((media, grid), at, &Lamp::Patch(i, patch), [u, v, w], sequence, rays)
+                self.around((media, grid), at, &Lamp::Patch(i, patch), [u, v, w], (sequence, rays), visit)
             }
-        };
-        light / chance
+        }
     }
 
     /// By a ray from the receiver whose angle from the lamp is uniform.
@@ -101,33 +115,38 @@ impl Kernel<'_> {
         at: &Vertex,
         lamp: &Lamp<'_>,
         [u, v, w]: [f32; 3],
-        sequence: &mut Sequence,
-        rays: &mut u32,
-    ) -> Rgb {
+        (sequence, rays): (&mut Sequence, &mut u32),
+        visit: &mut dyn FnMut(Vec3A, Rgb),
+    ) {
         let axis = (lamp.position() - at.position).normalize_or_zero();
         if axis == Vec3A::ZERO {
-            return Vec3::ZERO;
+            return;
         }
         let ((sin, cos), (y, x)) = ((PI * u).sin_cos(), (2.0 * PI * v).sin_cos());
         let mut wi = Frame::new(axis).to_world(Vec3A::new(sin * x, sin * y, cos));
-        // Of a direction and its opposite one is above the receiver; with both of them the density is 1 / (pi^2 sin) there.
-        if wi.dot(at.shading_normal) < 0.0 {
-            wi = -wi;
+        // Over the density, which is 1 / (2 pi^2 sin).
+        let mut weight = 2.0 * PI * PI * sin;
+        if is_surface(at) {
+            // Of a direction and its opposite one is above the surface, and has the density of both.
+            if wi.dot(at.shading_normal) < 0.0 {
+                wi = -wi;
+            }
+            weight *= 0.5;
         }
-        if wi.dot(at.geometric_normal) < 0.0 && !at.detached {
-            return Vec3::ZERO;
+        weight *= counts(at, wi);
+        if weight <= 0.0 {
+            return;
         }
-        let weight = PI * sin * wi.dot(at.shading_normal);
         let mut ray = at.ray(wi, f32::INFINITY);
         let mut left = Vec3::splat(weight);
-        let mut sum = Vec3::ZERO;
         for _ in 0..MAX_LAYERS {
             *rays += 1;
             let hit = self.closest(&ray);
             let length = hit.map_or(f32::INFINITY, |h| h.t);
             if let Some(way) = Way::new(media, ray.origin, wi, length) {
-                sum += left
+                let light = left
                     * self.scattered_once((media, grid), &way, (ray.origin, wi), lamp, (w, sequence), rays);
+                visit(wi, light);
             }
             let Some(hit) = hit.filter(|h| self.world.pass(self.scene, h.triangle, h.bary) != Vec3::ZERO)
             else {
@@ -137,7 +156,6 @@ impl Kernel<'_> {
             left *= tint * Crossed::new(media, (ray.origin, wi, length)).left;
             ray.origin = origin;
         }
-        sum
     }
 
     /// By a ray from a spot within its cone.
@@ -147,10 +165,10 @@ impl Kernel<'_> {
         at: &Vertex,
         lamp: &Punctual,
         [u, v, w]: [f32; 3],
-        sequence: &mut Sequence,
-        rays: &mut u32,
-    ) -> Rgb {
-        let Some((axis, one_minus_cos)) = lamp.cone() else { return Vec3::ZERO };
+        (sequence, rays): (&mut Sequence, &mut u32),
+        visit: &mut dyn FnMut(Vec3A, Rgb),
+    ) {
+        let Some((axis, one_minus_cos)) = lamp.cone() else { return };
         let direction = Frame::new(axis).to_world(square_to_cone([u, v], one_minus_cos));
         // Off what the lamp may lie on.
         let off = offset_distance(lamp.position().abs().max_element());
@@ -158,13 +176,15 @@ impl Kernel<'_> {
         let mut ray = Ray { origin, direction, t_max: f32::INFINITY };
         // Over the density of the direction.
         let mut left = Vec3::splat(2.0 * PI * one_minus_cos);
-        let mut sum = Vec3::ZERO;
         for _ in 0..MAX_LAYERS {
             *rays += 1;
             let hit = self.closest(&ray);
             let length = hit.map_or(f32::INFINITY, |h| h.t);
             if let Some(way) = Way::new(media, ray.origin, direction, length) {
-                sum += left * self.scattered_to((media, grid), &way, (&ray, lamp), at, w, rays);
+                let found = self.scattered_to((media, grid), &way, (&ray, lamp), at, w, rays);
+                if let Some((wi, light)) = found {
+                    visit(wi, left * light);
+                }
             }
             let Some(hit) = hit.filter(|h| self.world.pass(self.scene, h.triangle, h.bary) != Vec3::ZERO)
             else {
@@ -176,10 +196,9 @@ impl Kernel<'_> {
             left *= tint * Crossed::new(grid.media(), (ray.origin, direction, length)).left;
             ray.origin = origin;
         }
-        sum
     }
 
-    /// What of a lamp's ray is scattered to a receiver at one place, `E / pi` per density of the ray's direction.
+    /// What of a lamp's ray is scattered to a receiver at one place, and the direction in which that lies, per density of the ray's direction.
     fn scattered_to(
         &self,
         (media, grid): (&Media, &LightGrid),
@@ -188,30 +207,29 @@ impl Kernel<'_> {
         at: &Vertex,
         u: f32,
         rays: &mut u32,
-    ) -> Rgb {
+    ) -> Option<(Vec3A, Rgb)> {
         let (from, to) = way.span();
-        let Some((t, pdf)) = equi_angular(at.position - ray.origin, ray.direction, from, to, u) else {
-            return Vec3::ZERO;
-        };
+        let (t, pdf) = equi_angular(at.position - ray.origin, ray.direction, from, to, u)?;
         let p = ray.origin + ray.direction * t;
         let d = p - at.position;
         let distance = d.length();
         let wi = d / distance;
-        let cos = wi.dot(at.shading_normal);
-        if !(0.0 < cos) || (wi.dot(at.geometric_normal) <= 0.0 && !at.detached) {
-            return Vec3::ZERO;
+        let weight = counts(at, wi);
+        if !(0.0 < weight) {
+            return None;
         }
-        let (Some(light), Some(here)) = (lamp.incident(p), way.coefficients(t)) else { return Vec3::ZERO };
+        let (light, here) = (lamp.incident(p)?, way.coefficients(t)?);
         let seen = self.unblocked(at, wi, distance, rays);
         if seen == Vec3::ZERO {
-            return seen;
+            return None;
         }
         // The lamp's intensity along the ray; its distance cancels against that of the place.
         let intensity = light.illuminance * (light.distance * light.distance);
         let phase = media.phase(here.g, light.wi.dot(wi));
         let through = grid.media().transmittance(ray.origin, ray.direction, t)
             * media.transmittance(at.position, wi, distance);
-        intensity * seen * through * here.sigma_s * (phase * cos * FRAC_1_PI / (pdf * distance * distance))
+        let weight = weight * phase / (pdf * distance * distance);
+        Some((wi, intensity * seen * through * here.sigma_s * weight))
     }
 
     /// As [`Kernel::lamps_through_air`] where the light is one part of many: as often as it is lost on the way to the nearest lamp.
@@ -228,41 +246,6 @@ impl Kernel<'_> {
             return Vec3::ZERO;
         }
         self.lamps_through_air(at, sequence, rays) / chance
-    }
-
-    /// Light of one lamp or emissive surface that is scattered into a ray.
-    pub(crate) fn lamp_along(
-        &self,
-        (media, grid): (&Media, &LightGrid),
-        (origin, direction, length): (Vec3A, Vec3A, f32),
-        sequence: &mut Sequence,
-        rays: &mut u32,
-    ) -> Rgb {
-        let (lamps, groups) = (&self.lights.punctual, self.lights.emitters.groups());
-        if lamps.is_empty() && groups.is_empty() {
-            return Vec3::ZERO;
-        }
-        let Some(way) = &Way::new(media, origin, direction, length) else { return Vec3::ZERO };
-        let [a, b, c, _] = sequence.next4();
-        let (from, to) = way.span();
-        let weigh = |i: usize| -> f32 {
-            if i < lamps.len() {
-                let Some((from, to)) = lamps[i].lit_part(origin, direction, from, to) else { return 0.0 };
-                luminance(lamps[i].intensity()) * view(lamps[i].position() - origin, direction, from, to, 0.0)
-            } else {
-                let group = &groups[i - lamps.len()];
-                group.intensity * view(group.centre - origin, direction, from, to, group.radius)
-            }
-        };
-        let Some((i, chance)) = choose(lamps.len() + groups.len(), weigh, a) else { return Vec3::ZERO };
-        let lamp = match lamps.get(i) {
-            Some(lamp) => Lamp::Punctual(i, lamp),
-            None => {
-                let [_, e, f, _] = sequence.coins(2);
-                Lamp::Patch(i, self.lights.emitters.sample_group(&groups[i - lamps.len()], c, [e, f]))
-            }
-        };
-        self.scattered_once((media, grid), way, (origin, direction), &lamp, (b, sequence), rays) / chance
     }
 
     /// Light of a lamp that is scattered into a ray, from one place on it that `u` chooses.
@@ -376,6 +359,22 @@ impl Kernel<'_> {
     }
 }
 
+/// Whether a vertex is on a surface or given with a normal, and not in the air.
+fn is_surface(at: &Vertex) -> bool {
+    at.shading_normal != Vec3A::ZERO
+}
+
+/// How much light from a direction counts: for surfaces by its cosine over pi, in the air alike.
+fn counts(at: &Vertex, wi: Vec3A) -> f32 {
+    if !is_surface(at) {
+        1.0
+    } else if wi.dot(at.geometric_normal) < 0.0 && !at.detached {
+        0.0
+    } else {
+        wi.dot(at.shading_normal) * FRAC_1_PI
+    }
+}
+
 /// One of `n` in proportion to its weight, and the probability of that.
 fn choose(n: usize, weigh: impl Fn(usize) -> f32, u: f32) -> Option<(usize, f32)> {
     if n <= 1 {
@@ -405,23 +404,4 @@ fn choose(n: usize, weigh: impl Fn(usize) -> f32, u: f32) -> Option<(usize, f32)
         }
     }
     chosen
-}
-
-/// What a lamp of 1 cd would scatter into a part of a ray but for constants, if nothing were in the way: the angle that it is seen under over how far
-/// aside the lamp lies, 1/m; no nearer than `radius`.
-fn view(to_lamp: Vec3A, direction: Vec3A, from: f32, to: f32, radius: f32) -> f32 {
-    let nearest = to_lamp.dot(direction);
-    let aside2 = (to_lamp.length_squared() - nearest * nearest)
-        .max(radius * radius)
-        .max(1e-12 * to_lamp.length_squared());
-    let aside = aside2.sqrt();
-    let (a, b) = (from - nearest, if to.is_finite() { to - nearest } else { 1e6 * aside });
-    // The angle between the ways from the lamp to both ends.
-    let cos = (aside2 + a * b) / ((aside2 + a * a) * (aside2 + b * b)).sqrt();
-    let x = cos.abs().min(1.0);
-    // Abramowitz and Stegun 4.4.45: within 7e-5 of the arc cosine.
-    let acos = (1.0 - x).sqrt() * (1.570_728_8 + x * (-0.212_114_4 + x * (0.074_261 - 0.018_729_3 * x)));
-    let angle = if cos < 0.0 { PI - acos } else { acos };
-    // Never 0 where there is light.
-    angle.max(1e-6 * (b - a) / (aside + a.abs())) / aside
 }

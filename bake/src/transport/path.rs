@@ -424,9 +424,6 @@ impl Kernel<'_> {
                             }
                             None => self.airlight(air, part, &crossed, sequence, rays),
                         };
-                    if !ON_SURFACE {
-                        leg.airlight += before * self.lamp_along(air, part, sequence, rays);
-                    }
                 }
                 clear *= crossed.left;
             }
