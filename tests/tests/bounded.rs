@@ -195,6 +195,36 @@ fn finer_grids_come_closer() {
     assert!(2.0 * orders[1] < orders[0] && fine[2] < orders[1], "{orders:?}");
 }
 
+/// In rooms with a lamp and with a sun, equal numbers of paths leave less than a third of the noise of unbiased paths: by the difference of two seeds, without
+/// the noisiest hundredth of the texels, where these paths have no bound.
+#[test]
+fn bounded_is_quieter_than_unbiased_paths() {
+    let Some(shared) = suite::shared("bounded_is_quieter_than_unbiased_paths") else { return };
+    for room in ["black", "gray", "shadow", "sun"] {
+        let scene = std::fs::read(shared.join(format!("oracles/rooms/fog_{room}.glb"))).expect("a room");
+        let noise = |mode: &str| {
+            let bake = |seed: &str| {
+                let args = ["--samples", "64", "--texels-per-metre", "4", "--media", mode, "--seed", seed];
+                tool::baked(&scene, &args)
+            };
+            let (a, b) = (bake("1"), bake("2"));
+            let (a, b) = (&a.pages[0], &b.pages[0]);
+            let covered: Vec<usize> =
+                (0..a.channels["A"].len()).filter(|i| 0.0 < a.channels["A"][*i]).collect();
+            let of = |p: &suite::baked::Page, i: usize| f64::from(p.channels["G"][i]);
+            let mean = covered.iter().map(|&i| of(a, i) + of(b, i)).sum::<f64>() / (2 * covered.len()) as f64;
+            let mut squares: Vec<f64> =
+                covered.iter().map(|&i| 0.5 * (of(a, i) - of(b, i)).powi(2)).collect();
+            squares.sort_by(f64::total_cmp);
+            let kept = &squares[..squares.len() * 99 / 100];
+            (kept.iter().sum::<f64>() / kept.len() as f64).sqrt() / mean
+        };
+        let (bounded, reference) = (noise("bounded"), noise("reference"));
+        println!("{room}: noise {:.2} %, unbiased {:.2} %", 100.0 * bounded, 100.0 * reference);
+        assert!(3.0 * bounded < reference, "{room}: {bounded} {reference}");
+    }
+}
+
 /// Where lamps only shine upwards, at a black plate, the rest of the room is lit by way of fog alone.
 #[test]
 fn what_a_spot_sends_into_fog_lights_the_room() {

@@ -239,6 +239,36 @@ mod tests {
         assert!(spot(0.5, 0.5).incident(Vec3A::ZERO).is_some_and(|e| e.illuminance.is_finite()));
     }
 
+    /// Mean over the sphere by midpoints over the cosine, and who is in the cone.
+    #[test]
+    fn cones_have_their_mean() {
+        for (inner, outer) in [(0.0f32, 0.4f32), (0.3, 0.9), (1.0, 1.5)] {
+            let kind = LightKind::Spot {
+                position: Vec3::ZERO,
+                direction: Vec3::Z,
+                intensity: Vec3::splat(3.0),
+                range: None,
+                inner_cone: inner,
+                outer_cone: outer,
+            };
+            let spot = Punctual::new(kind, LightMode::Baked, Vec3::ZERO).expect("a spot light");
+            let n = 20_000;
+            let towards = |i: i32| {
+                let z = 2.0 * (i as f32 + 0.5) / n as f32 - 1.0;
+                spot.intensity_towards(Vec3A::new((1.0 - z * z).sqrt(), 0.0, z)).x
+            };
+            let mean = (0..n).map(|i| f64::from(towards(i))).sum::<f64>() / f64::from(n);
+            assert!(
+                (f64::from(spot.mean_intensity().x) / mean - 1.0).abs() < 1e-3,
+                "{inner} {outer}: {mean}"
+            );
+            let (axis, one_minus_cos) = spot.cone().expect("a cone");
+            assert!(axis == Vec3A::Z && (1.0 - one_minus_cos - outer.cos()).abs() < 1e-5);
+            let at = |angle: f32| Vec3A::new(angle.sin(), 0.0, angle.cos());
+            assert!(spot.shines_on(at(0.99 * outer)) && !spot.shines_on(at(1.01 * outer)));
+        }
+    }
+
     /// Whatever is lit lies within the part, and the part is no longer than what is lit.
     #[test]
     fn rays_are_cut_to_the_cone() {

@@ -451,4 +451,51 @@ mod tests {
             }
         }
     }
+
+    /// The mean of what places weigh is what is scattered on the way, channel by channel, and in the channel in the middle it is always that.
+    #[test]
+    fn places_weigh_what_is_scattered() {
+        for (sigma_s, sigma_a) in [
+            (Vec3::new(0.3, 3.0, 1.0), Vec3::new(0.2, 0.0, 0.1)),
+            (Vec3::splat(0.7), Vec3::splat(0.1)),
+            (Vec3::new(1e-6, 2e-6, 5e-6), Vec3::ZERO),
+            (Vec3::splat(40.0), Vec3::ZERO),
+        ] {
+            let medium = Medium {
+                path: String::new(),
+                sigma_s,
+                sigma_a,
+                density: Density::Constant,
+                g: 0.0,
+                region: Region::Box { min: Vec3::ZERO, max: Vec3::splat(2.0) },
+            };
+            let media =
+                Media::new(&Scene { media: vec![medium], ..Scene::default() }, Vec3::ZERO).expect("media");
+            let ray = (Vec3A::new(1.0, 0.5, -1.0), Vec3A::Z, 10.0);
+            let crossed = Crossed::new(&media, ray);
+            let way = Way::across(&media, ray, &crossed).expect("a way");
+            let n = 1000;
+            let mut mean = Vec3::ZERO;
+            for i in 0..n {
+                let p = way.places(&crossed, (i as f32 + 0.5) / n as f32).expect("places");
+                mean += p.weights.iter().sum::<Vec3>() / n as f32;
+                let last = p.first + p.step * (PARTS - 1) as f32;
+                assert!(1.0 <= p.first && last <= 3.0, "{} {last}", p.first);
+            }
+            for k in 0..3 {
+                let (s, t) = (f64::from(sigma_s[k]), f64::from(sigma_s[k] + sigma_a[k]));
+                let want = s / t * -(-2.0 * t).exp_m1();
+                assert!((f64::from(mean[k]) / want - 1.0).abs() < 1e-4, "{sigma_s} {k}: {mean} {want}");
+            }
+        }
+    }
+
+    #[test]
+    fn depths_are_logarithms() {
+        for i in 0..1000u16 {
+            let x = f32::from(i) / 1000.0;
+            let want = -(-f64::from(x)).ln_1p();
+            assert!((f64::from(depth_of(x)) - want).abs() <= 2.0 * f64::from(f32::EPSILON) * want, "{x}");
+        }
+    }
 }

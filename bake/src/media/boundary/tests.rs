@@ -177,7 +177,7 @@ fn faces_belong_to_their_upper_side() {
         let p = Vec3A::new(at(i), at(i / 5), at(i / 25));
         assert_eq!(b.contains(p), p.to_array().iter().all(|x| (-1.0..1.0).contains(x)), "{p}");
         for d in [Vec3A::X, Vec3A::NEG_X, Vec3A::Y, Vec3A::NEG_Y, Vec3A::Z, Vec3A::NEG_Z] {
-            let (from, to) = slabs(Vec3::NEG_ONE, Vec3::ONE, p, d, 8.0);
+            let (from, to) = slabs(Vec3A::NEG_ONE, Vec3A::ONE, p, d, 8.0);
             let want = if from < to { vec![(from, to)] } else { vec![] };
             assert_eq!(parts(&b, p, d, 8.0), want, "{p} {d}");
         }
