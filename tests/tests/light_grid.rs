@@ -82,8 +82,8 @@ fn a_furnace_is_even() {
         let light = grid.light(node, 1).expect("air");
         mean += light[0];
         n += 1.0;
-        assert!((light[0] / want - 1.0).abs() < 0.15, "{node}: {light:?}");
-        assert!(light[1..].iter().all(|l| l.abs() < 0.15 * want), "{node}: {light:?}");
+        assert!((light[0] / want - 1.0).abs() < 0.2, "{node}: {light:?}");
+        assert!(light[1..].iter().all(|l| l.abs() < 0.2 * want), "{node}: {light:?}");
     }
     println!("{n} nodes, mean {:+.3} %", 100.0 * (mean / n / want - 1.0));
     assert!((mean / n / want - 1.0).abs() < 5e-3);
