@@ -215,7 +215,7 @@ impl Kernel<'_> {
         let distance = d.length();
         let wi = d / distance;
         let weight = counts(at, wi);
-        if !(0.0 < weight) {
+        if weight <= 0.0 || !weight.is_finite() {
             return None;
         }
         let (light, here) = (lamp.incident(p)?, way.coefficients(t)?);
