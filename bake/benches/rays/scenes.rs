@@ -2,6 +2,7 @@
 
 use bake::error::Severity;
 use bake::geom::{Ray, World};
+use bake::light::Direct;
 use bake::plan::{MediaMode, Tracing};
 use bake::sample::{Sequence, sequence::key};
 use bake::scene::config::Config;
@@ -19,7 +20,7 @@ pub(crate) fn load(path: &Path) -> anyhow::Result<Tracing> {
     if let Some(f) = findings.iter().find(|f| f.severity == Severity::Error) {
         anyhow::bail!("{f:?}");
     }
-    Ok(Tracing::new(&scene, MediaMode::Off)?)
+    Ok(Tracing::new(&scene, MediaMode::Off, Direct::Auto)?)
 }
 
 /// 64 rough stones of 16,384 triangles each in a box: a million.
@@ -49,7 +50,7 @@ pub(crate) fn stones() -> anyhow::Result<Tracing> {
         let turn = Affine3A::from_quat(Quat::from_rotation_arc(Vec3::Z, axis));
         add(1, Affine3A::from_translation(Vec3::splat(3.45)) * turn);
     }
-    Ok(Tracing::new(&scene, MediaMode::Off)?)
+    Ok(Tracing::new(&scene, MediaMode::Off, Direct::Auto)?)
 }
 
 fn stone() -> Mesh {

@@ -100,6 +100,9 @@ pub(crate) struct SettingsArgs {
     /// What becomes of fog and other media of the scene [default: bounded]
     #[arg(long, value_enum)]
     pub(crate) media: Option<MediaArg>,
+    /// How lamps and emissive triangles are asked for their light [default: auto]
+    #[arg(long, value_enum)]
+    pub(crate) direct: Option<DirectArg>,
     #[command(flatten)]
     pub(crate) grid: GridArgs,
     /// End paths at irradiance gathered beforehand: much less noise, a small bias that README states; a
@@ -220,6 +223,9 @@ pub(crate) struct PointsArgs {
     /// What becomes of fog and other media of the scene [default: bounded]
     #[arg(long, value_enum)]
     pub(crate) media: Option<MediaArg>,
+    /// How lamps and emissive triangles are asked for their light [default: auto]
+    #[arg(long, value_enum)]
+    pub(crate) direct: Option<DirectArg>,
     #[command(flatten)]
     pub(crate) grid: GridArgs,
     /// Seed of all random numbers
@@ -310,6 +316,26 @@ pub(crate) enum MediaArg {
     Bounded,
     /// Unbiased paths scatter in media: slow
     Reference,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum DirectArg {
+    /// Few are weighed one by one, many are in a tree
+    Auto,
+    /// A ray to each of them from everywhere
+    All,
+    /// One at a time is chosen from a tree
+    Lightcuts,
+    /// A lighting grid hierarchy (reserved)
+    Grid,
+    /// Stochastic lightcuts as [SLC20] has them, to compare with: more noise
+    Published,
+    /// By intensity alone, to compare with
+    #[cfg(feature = "comparison")]
+    Intensity,
+    /// Adaptive tree splitting, to compare with
+    #[cfg(feature = "comparison")]
+    Splitting,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

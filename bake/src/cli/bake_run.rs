@@ -171,7 +171,7 @@ impl Job<'_> {
         let cache = self.cache(&kernel, &baked.monitor)?;
         // Whether no light at all reaches a side is a question to paths alone.
         let unbiased = kernel;
-        let kernel = Kernel { cache: cache.as_ref(), ..learnt.guide_texels(kernel) };
+        let kernel = Kernel { cache: cache.as_ref(), emitters_apart: true, ..learnt.guide_texels(kernel) };
         self.watch.lap("cache");
         let luminance = match settings.sampling {
             Sampling::Target(_) => {

@@ -1,11 +1,12 @@
 //! Reads scene and configuration and resolves settings.
 
 use crate::cli::args::{
-    GridArgs, LightUnitsArg, MediaArg, OnOff, QualityArg, SceneArgs, SettingsArgs, UnwrapArg,
+    DirectArg, GridArgs, LightUnitsArg, MediaArg, OnOff, QualityArg, SceneArgs, SettingsArgs, UnwrapArg,
 };
 use crate::cli::say;
 use crate::error::{Error, Finding};
 use crate::geom::atlas::{Engine, Unwrap};
+use crate::light::Direct;
 use crate::plan::settings::{Fineness, Sampling};
 use crate::plan::{MediaMode, Quality, Settings, Tracing};
 use crate::scene::config::{Config, RunConfig};
@@ -78,7 +79,6 @@ pub(crate) fn load(args: &SceneArgs) -> Result<Input, Error> {
 /// Findings about run options that later versions will know.
 fn idle(run: &RunConfig) -> Vec<Finding> {
     let words = [
-        ("direct", run.direct.is_some()),
         ("denoise", run.denoise.is_some()),
         ("audit", run.audit.is_some()),
         ("force", !run.force.is_empty()),
@@ -129,6 +129,32 @@ pub(crate) fn media(arg: Option<MediaArg>, run: &RunConfig, scene: &Scene) -> Re
         MediaArg::Table => MediaMode::Table,
         MediaArg::Bounded => MediaMode::Bounded,
         MediaArg::Reference => MediaMode::Reference,
+    })
+}
+
+/// How direct light is sampled: by the command line, else the configuration file.
+///
+/// # Errors
+///
+/// If the file's word is not known, and for what is reserved.
+pub(crate) fn direct(arg: Option<DirectArg>, run: &RunConfig) -> Result<Direct, Error> {
+    let arg = match (arg, &run.direct) {
+        (None, Some(text)) => word(text, "run.direct")?,
+        (given, _) => given.unwrap_or(DirectArg::Auto),
+    };
+    Ok(match arg {
+        DirectArg::Auto => Direct::Auto,
+        DirectArg::All => Direct::All,
+        DirectArg::Lightcuts => Direct::Lightcuts,
+        DirectArg::Grid => {
+            let text = "--direct grid is reserved: this version has no lighting grid hierarchy; use lightcuts";
+            return Err(Error::Usage(text.to_owned()));
+        }
+        DirectArg::Published => Direct::Published,
+        #[cfg(feature = "comparison")]
+        DirectArg::Intensity => Direct::Intensity,
+        #[cfg(feature = "comparison")]
+        DirectArg::Splitting => Direct::Splitting,
     })
 }
 
@@ -216,6 +242,7 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
         engine: engine(args),
         media,
         light_grid: light_grid(args.grid, quality),
+        direct: direct(args.direct, run)?,
         seed: args.seed.or(run.seed).unwrap_or(0),
         irradiance_cache: args.irradiance_cache == OnOff::On,
         split_direct: args.split_direct,

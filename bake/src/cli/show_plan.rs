@@ -66,7 +66,7 @@ impl Cost {
         let (grid, grid_seconds) = Self::light_grid(plan, &learnt.guide_texels(kernel))?;
         let kernel = Kernel { grid: grid.as_ref(), ..kernel };
         let (cache, cache_seconds) = Self::cache(plan, &kernel)?;
-        let kernel = Kernel { cache: cache.as_ref(), ..learnt.guide_texels(kernel) };
+        let kernel = Kernel { cache: cache.as_ref(), emitters_apart: true, ..learnt.guide_texels(kernel) };
         let (mut covered, mut seconds, mut paths) = (0u64, 0.0, 0u64);
         for page in 0..plan.atlas().pages.len() {
             let map = TexelMap::build(plan.scene(), plan.atlas(), page);

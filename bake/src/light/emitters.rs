@@ -2,25 +2,22 @@
 
 use crate::geom::World;
 use crate::geom::world::luminance;
+use crate::light::many::FEW_EMITTERS;
+use crate::light::tree::{Receiver, Shine, TreeLight};
 use crate::sample::discrete::Cdf;
 use crate::sample::warp::square_to_triangle;
 use crate::scene::model::Scene;
 use glam::Vec3A;
 
-/// Up to this many triangles each is weighed at the shading point; above it they are chosen by
-/// power alone.
-const WEIGHED: usize = 32;
-
 /// The emissive triangles of a scene and how one of them is chosen.
 #[derive(Clone, Debug, Default)]
 pub struct Emitters {
     list: Vec<Emitter>,
-    by_power: Option<Cdf>,
     /// Index into `list` for each world triangle, `u32::MAX` where it does not emit; empty if none does.
     of_triangle: Vec<u32>,
     groups: Vec<Group>,
-    /// For each entry of `list`, whether it belongs to one of the groups.
-    grouped: Vec<bool>,
+    /// For each entry of `list` the group that it belongs to, `u32::MAX` for none.
+    group: Vec<u32>,
 }
 
 /// Emissive surfaces wider than this part of the scene are no lamps in media: any direction may find them.
@@ -87,17 +84,6 @@ pub struct EmitterSample {
     pub pdf_area: f32,
 }
 
-/// A place that emitters light.
-#[derive(Clone, Copy, Debug)]
-pub struct Receiver {
-    /// Metres, relative to the world's origin.
-    pub position: Vec3A,
-    /// Unit normal.
-    pub normal: Vec3A,
-    /// Emitters that nowhere rise above this over the plane do not light it, metres.
-    pub below: f32,
-}
-
 impl Emitters {
     /// Finds the emissive triangles among those that rays can hit.
     #[must_use]
@@ -113,30 +99,50 @@ impl Emitters {
                 list.extend(Emitter::new(scene, world, triangle, m.double_sided));
             }
         }
-        let by_power = Cdf::new(list.iter().map(|e| f64::from(e.power())));
-        if by_power.is_none() {
+        if !list.iter().any(|e| 0.0 < e.power() && e.power().is_finite()) {
             return Self::default();
         }
         let mut of_triangle = vec![u32::MAX; world.len()];
         for (k, e) in list.iter().enumerate() {
             of_triangle[e.triangle as usize] = k as u32;
         }
-        let mut grouped = vec![false; list.len()];
+        let mut group = vec![u32::MAX; list.len()];
         let mut first = 0;
         let mut groups = Vec::new();
         for members in list.chunk_by(|a, b| world.surface(a.triangle) == world.surface(b.triangle)) {
-            let group = Group::new(first, members).filter(|g| g.radius < WIDE * world.radius);
-            grouped[first..first + members.len()].fill(group.is_some());
-            groups.extend(group);
+            if let Some(g) = Group::new(first, members).filter(|g| g.radius < WIDE * world.radius) {
+                group[first..first + members.len()].fill(groups.len() as u32);
+                groups.push(g);
+            }
             first += members.len();
         }
-        Self { list, by_power, of_triangle, groups, grouped }
+        Self { list, of_triangle, groups, group }
     }
 
     /// Whether a triangle that emits belongs to one of the groups.
     #[must_use]
     pub fn is_grouped(&self, triangle: u32) -> bool {
-        self.of_triangle.get(triangle as usize).is_some_and(|&k| k != u32::MAX && self.grouped[k as usize])
+        self.index(triangle).is_some_and(|k| self.group[k] != u32::MAX)
+    }
+
+    /// Which of the emissive triangles a world triangle is.
+    fn index(&self, triangle: u32) -> Option<usize> {
+        self.of_triangle.get(triangle as usize).filter(|k| **k != u32::MAX).map(|k| *k as usize)
+    }
+
+    /// The group of an emissive triangle.
+    #[must_use]
+    pub fn group_of(&self, k: usize) -> Option<usize> {
+        Some(self.group[k] as usize).filter(|_| self.group[k] != u32::MAX)
+    }
+
+    /// An emissive triangle as trees see it.
+    #[must_use]
+    pub fn in_tree(&self, k: usize) -> TreeLight {
+        let e = &self.list[k];
+        let [a, b, c] = e.corners;
+        let shine = if e.both_sides { Shine::Everywhere } else { Shine::Cosine { normal: e.normal } };
+        TreeLight { min: a.min(b).min(c), max: a.max(b).max(c), intensity: e.area * e.luminance, shine }
     }
 
     /// Emissive surfaces that are not wide.
@@ -149,7 +155,13 @@ impl Emitters {
     #[must_use]
     pub fn sample_group(&self, group: &Group, u: f32, v: [f32; 2]) -> GroupSample {
         let (k, _) = group.choice.sample(u);
-        let e = &self.list[group.first + k];
+        self.point_on(group.first + k, group.choice.pdf(k), v)
+    }
+
+    /// A point of an emissive triangle that was chosen with a probability.
+    #[must_use]
+    pub fn point_on(&self, k: usize, probability: f32, v: [f32; 2]) -> GroupSample {
+        let e = &self.list[k];
         let bary = square_to_triangle(v);
         GroupSample {
             triangle: e.triangle,
@@ -157,7 +169,7 @@ impl Emitters {
             position: e.corners[0] * bary[0] + e.corners[1] * bary[1] + e.corners[2] * bary[2],
             normal: e.normal,
             both_sides: e.both_sides,
-            pdf: group.choice.pdf(k) / e.area,
+            pdf: probability / e.area,
         }
     }
 
@@ -173,10 +185,22 @@ impl Emitters {
         self.list.len()
     }
 
-    /// Chooses a point on an emissive triangle to light `at`.
+    /// Chooses a point on one of a few emissive triangles to light `at`, each of which is weighed.
     #[must_use]
     pub fn sample(&self, at: &Receiver, u: f32, v: [f32; 2]) -> Option<EmitterSample> {
         let (k, probability) = self.choose(at, u)?;
+        self.sample_on(k, probability, at, v)
+    }
+
+    /// A point on an emissive triangle that was chosen with a probability, as `at` sees it.
+    #[must_use]
+    pub fn sample_on(
+        &self,
+        k: usize,
+        probability: f32,
+        at: &Receiver,
+        v: [f32; 2],
+    ) -> Option<EmitterSample> {
         let e = &self.list[k];
         let bary = square_to_triangle(v);
         let x = e.corners[0] * bary[0] + e.corners[1] * bary[1] + e.corners[2] * bary[2];
@@ -192,33 +216,31 @@ impl Emitters {
         Some(EmitterSample { triangle: e.triangle, bary, wi, distance, pdf_solid_angle, pdf_area })
     }
 
-    /// Density per steradian with which [`Emitters::sample`] would have chosen a point of
-    /// `triangle` that `at` sees in direction `wi` at `distance`. 0 if it does not emit.
+    /// Density per steradian of the points of `triangle`, chosen with a probability that depends on which of the emissive triangles it is,
+    /// where it is seen in direction `wi` at `distance`. 0 if it does not emit.
     #[must_use]
-    pub fn pdf(&self, at: &Receiver, triangle: u32, wi: Vec3A, distance: f32) -> f32 {
-        let Some(&k) = self.of_triangle.get(triangle as usize) else { return 0.0 };
-        if k == u32::MAX {
-            return 0.0;
-        }
-        let e = &self.list[k as usize];
-        let probability = match &self.by_power {
-            Some(cdf) if WEIGHED < self.list.len() => cdf.pdf(k as usize),
-            _ => {
-                let total: f32 = self.list.iter().map(|e| e.importance(at)).sum();
-                if 0.0 < total { e.importance(at) / total } else { 0.0 }
-            }
-        };
-        let density = probability * e.solid_angle_density(wi, distance);
+    pub fn pdf(
+        &self,
+        triangle: u32,
+        wi: Vec3A,
+        distance: f32,
+        probability: impl FnOnce(usize) -> f32,
+    ) -> f32 {
+        let Some(k) = self.index(triangle) else { return 0.0 };
+        let density = probability(k) * self.list[k].solid_angle_density(wi, distance);
         if density.is_finite() { density } else { f32::MAX }
     }
 
+    /// With which probability [`Emitters::sample`] chooses one of a few.
+    #[must_use]
+    pub fn probability(&self, at: &Receiver, k: usize) -> f32 {
+        let total: f32 = self.list.iter().map(|e| e.importance(at)).sum();
+        if 0.0 < total { self.list[k].importance(at) / total } else { 0.0 }
+    }
+
+    /// One of a few.
     fn choose(&self, at: &Receiver, u: f32) -> Option<(usize, f32)> {
-        let by_power = self.by_power.as_ref()?;
-        if WEIGHED < self.list.len() {
-            let (k, _) = by_power.sample(u);
-            return Some((k, by_power.pdf(k)));
-        }
-        let mut weights = [0.0f32; WEIGHED];
+        let mut weights = [0.0f32; FEW_EMITTERS];
         let mut total = 0.0;
         for (w, e) in weights.iter_mut().zip(&self.list) {
             *w = e.importance(at);

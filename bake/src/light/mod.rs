@@ -3,17 +3,23 @@
 
 pub mod beams;
 pub mod emitters;
+pub mod many;
 pub mod punctual;
 pub mod sky;
 pub mod sky_guide;
+pub mod tree;
 
 use crate::geom::World;
 use crate::scene::model::{LightKind, LightMode, Scene};
 pub use beams::Beams;
 pub use emitters::Emitters;
+pub use many::{Direct, ManyLights, Selection};
+use many::{FEW_EMITTERS, FEW_LAMPS};
 pub use punctual::{Punctual, Sun};
 pub use sky::SkyLight;
 pub use sky_guide::SkyGuide;
+use glam::Vec3A;
+use tree::Receiver;
 
 /// The lights of a scene, ready to be sampled. Dynamic lights are left out.
 #[derive(Clone, Debug)]
@@ -26,6 +32,12 @@ pub struct Lights {
     pub emitters: Emitters,
     /// What rays see that leave the scene.
     pub sky: SkyLight,
+    /// How one of the lamps is chosen.
+    pub lamps_by: Selection,
+    /// How one of the emissive triangles is chosen.
+    pub emitters_by: Selection,
+    /// The tree of those that are many.
+    pub many: Option<ManyLights>,
 }
 
 impl Lights {
@@ -35,9 +47,32 @@ impl Lights {
         !(self.suns.is_empty() && self.punctual.is_empty())
     }
 
+    /// The tree, if lamps are in it.
+    #[must_use]
+    pub fn many_lamps(&self) -> Option<&ManyLights> {
+        self.many.as_ref().filter(|_| self.lamps_by == Selection::Tree)
+    }
+
+    /// The tree, if emissive triangles are in it.
+    #[must_use]
+    pub fn many_emitters(&self) -> Option<&ManyLights> {
+        self.many.as_ref().filter(|_| self.emitters_by == Selection::Tree)
+    }
+
+    /// Density per steradian with which next-event estimation at `at` chooses a point of a world triangle seen in direction `wi` at
+    /// `distance`. 0 if it does not emit.
+    #[must_use]
+    pub fn emitter_pdf(&self, at: &Receiver, triangle: u32, wi: Vec3A, distance: f32) -> f32 {
+        self.emitters.pdf(triangle, wi, distance, |k| match (self.emitters_by, &self.many) {
+            (Selection::Tree, Some(many)) => many.probability(at, k),
+            (Selection::All, _) => 1.0,
+            _ => self.emitters.probability(at, k),
+        })
+    }
+
     /// Gathers the lights of a scene.
     #[must_use]
-    pub fn new(scene: &Scene, world: &World) -> Self {
+    pub fn new(scene: &Scene, world: &World, direct: Direct) -> Self {
         let (mut punctual, mut suns) = (Vec::new(), Vec::new());
         for light in scene.lights.iter().filter(|l| l.mode != LightMode::Dynamic) {
             match light.kind {
@@ -47,6 +82,21 @@ impl Lights {
                 kind => punctual.extend(Punctual::new(kind, light.mode, world.origin)),
             }
         }
-        Self { punctual, suns, emitters: Emitters::new(scene, world), sky: SkyLight::new(&scene.sky) }
+        let emitters = Emitters::new(scene, world);
+        let by = |n: usize, few: usize| match direct {
+            _ if n == 0 => Selection::Weighed,
+            Direct::All => Selection::All,
+            Direct::Auto if n <= few => Selection::Weighed,
+            _ => Selection::Tree,
+        };
+        let lamps_by = by(punctual.len(), FEW_LAMPS);
+        let emitters_by = by(emitters.len(), FEW_EMITTERS);
+        let many = ManyLights::new(
+            direct,
+            (lamps_by == Selection::Tree).then_some(punctual.as_slice()),
+            (emitters_by == Selection::Tree).then_some(&emitters),
+        );
+        let sky = SkyLight::new(&scene.sky);
+        Self { punctual, suns, emitters, sky, lamps_by, emitters_by, many }
     }
 }

@@ -12,7 +12,7 @@ use crate::error::{Error, Finding, Severity};
 use crate::geom::atlas::{self, Atlas};
 use crate::geom::shade::opacity;
 use crate::geom::{Bvh, World};
-use crate::light::Lights;
+use crate::light::{Direct, Lights};
 use crate::media::{Media, Responses};
 use crate::scene::document::Document;
 use crate::scene::model::Scene;
@@ -51,13 +51,13 @@ impl Tracing {
     /// # Errors
     ///
     /// If the tree cannot be built.
-    pub fn new(scene: &Scene, mode: MediaMode) -> Result<Self, Error> {
+    pub fn new(scene: &Scene, mode: MediaMode, direct: Direct) -> Result<Self, Error> {
         let world = World::new(scene);
         let bvh = Bvh::build(&world, |t| {
             let surface = world.surface(t);
             scene.surfaces[surface].casts_shadow.then(|| opacity(scene, surface))
         })?;
-        let lights = Lights::new(scene, &world);
+        let lights = Lights::new(scene, &world, direct);
         let media = Media::new(scene, world.origin);
         let responses = match &media {
             Some(media) if mode == MediaMode::Table => Responses::new(media, world.radius)?,
@@ -101,7 +101,7 @@ pub fn make(
         )
         .into());
     }
-    let tracing = Tracing::new(&scene, settings.media)?;
+    let tracing = Tracing::new(&scene, settings.media, settings.direct)?;
     Ok(Plan { scene, tracing, atlas, settings, findings })
 }
 

@@ -1,6 +1,7 @@
 //! Every knob of a bake with its resolved value.
 
 use crate::geom::atlas::{AtlasOptions, Density, Engine, Unwrap};
+use crate::light::Direct;
 use crate::media::Media;
 use serde_json::{Map, Value, json};
 
@@ -157,6 +158,8 @@ pub struct Settings {
     pub media: MediaMode,
     /// How fine the light grid of media is.
     pub light_grid: Fineness,
+    /// How direct light is sampled.
+    pub direct: Direct,
     /// Seed of all random numbers.
     pub seed: u64,
     /// Whether paths may end at an irradiance cache.
@@ -235,6 +238,7 @@ impl Settings {
             ("unwrap", json!(unwrap)),
             ("unwrap_engine", json!(engine)),
             ("irradiance_cache", json!(self.caches())),
+            ("direct", json!(self.direct.name())),
             ("media", json!(self.media.name())),
             ("grid_nodes", json!(self.light_grid().map(|f| f.nodes))),
             ("grid_paths", json!(self.light_grid().map(|f| f.paths))),

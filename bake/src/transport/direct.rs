@@ -8,8 +8,11 @@ use crate::geom::ray::offset_distance;
 use crate::geom::world::luminance;
 use crate::geom::{Hit, Ray};
 use crate::light::beams::Source;
-use crate::light::emitters::Receiver;
+use crate::light::Selection;
+use crate::light::emitters::EmitterSample;
+use crate::light::many::{Among, Chosen};
 use crate::light::punctual::Incident;
+use crate::light::tree::{FallOff, Receiver};
 use crate::sample::Sequence;
 use crate::sample::warp::cos_hemisphere_pdf;
 use crate::scene::model::Rgb;
@@ -20,7 +23,7 @@ use std::f32::consts::FRAC_1_PI;
 
 /// Up to this many punctual lights are all sampled at the receiver; deeper along the path, or if
 /// there are more, one is chosen by what it would contribute unshadowed.
-const EXHAUSTIVE: usize = 4;
+pub(crate) const EXHAUSTIVE: usize = 4;
 
 /// See [`Kernel::least_cosine`].
 const LEAST_COSINE: f32 = 0.1;
@@ -61,6 +64,14 @@ enum Share {
     Scattered,
 }
 
+/// Numbers that make the choice among many lights finer.
+pub(crate) const FINE: u32 = 8;
+
+/// A number of 24 bits with 24 more: in a tree of a million lights the first ones are used up on the way down.
+pub(crate) fn finer(u: f32, more: f32) -> f64 {
+    f64::from(u) + f64::from(more) / 16_777_216.0
+}
+
 impl Kernel<'_> {
     /// Light straight from the lights at `vertex`, one sample. At the receiver the unscattered part of lights is left out
     /// that the game adds. `arrival` says how the vertex was found, where connecting to beams could have found it as well.
@@ -77,14 +88,17 @@ impl Kernel<'_> {
         let mut out = Direct::default();
         let (small, area) = (part != Part::Area, part != Part::Small);
         let punctual = small && !lights.punctual.is_empty();
-        let emitters = area && !lights.emitters.is_empty();
+        // Many emissive triangles are asked where lamps are, with as many samples as these get.
+        let apart = receiver && self.emitters_apart();
+        let emitters = !lights.emitters.is_empty() && if apart { small } else { area };
         if punctual || emitters {
+            let fine = sequence.coins(FINE);
             let [a, b, c, d] = sequence.next4();
             if punctual {
-                out.small += self.punctual(vertex, receiver, arrival, a, rays);
+                out.small += self.punctual(vertex, receiver, arrival, finer(a, fine[0]), rays);
             }
             if emitters {
-                out.area += self.emitters(vertex, b, [c, d], rays);
+                out.area += self.emitters(vertex, finer(b, fine[1]), [c, d], rays);
             }
         }
         let suns = small && !lights.suns.is_empty();
@@ -111,6 +125,11 @@ impl Kernel<'_> {
         out
     }
 
+    /// Whether texels gather the light straight from emissive triangles with that of lamps.
+    pub(crate) fn emitters_apart(&self) -> bool {
+        self.emitters_apart && self.lights.emitters_by == Selection::Tree
+    }
+
     /// What counts of a light of which the game may add the unscattered part; `None` if nothing does.
     fn share(&self, of_the_game: bool) -> Option<Share> {
         match (of_the_game, self.responses) {
@@ -125,16 +144,31 @@ impl Kernel<'_> {
         vertex: &Vertex,
         receiver: bool,
         arrival: Option<Arrival>,
-        u: f32,
+        u: f64,
         rays: &mut u32,
     ) -> Rgb {
         let list = &self.lights.punctual;
         let share = |i: usize| self.share(receiver && list[i].indirect_only);
-        if receiver && list.len() <= EXHAUSTIVE {
+        let by = self.lights.lamps_by;
+        if by == Selection::All || (by == Selection::Weighed && receiver && list.len() <= EXHAUSTIVE) {
             return (0..list.len())
-                .filter_map(|i| Some((share(i)?, list[i].incident(vertex.position)?)))
-                .map(|(share, incident)| self.lit(vertex, &incident, share, rays))
+                .filter_map(|i| Some((i, share(i)?, list[i].incident(vertex.position)?)))
+                .map(|(i, share, light)| {
+                    let weight = self.chance_weight(arrival, vertex, Source::Punctual(i), &light);
+                    self.lit(vertex, &light, share, rays) * weight
+                })
                 .sum();
+        }
+        if let Some(many) = self.lights.many_lamps() {
+            let among = if receiver && self.responses.is_none() { Among::BakedLamps } else { Among::Lamps };
+            let at = self.emitter_receiver(vertex);
+            let chosen = many.one(&at, among, FallOff::Square, u);
+            let Some((Chosen::Lamp(i), chance)) = chosen else { return Vec3::ZERO };
+            let Some((share, light)) = share(i).zip(list[i].incident(vertex.position)) else {
+                return Vec3::ZERO;
+            };
+            let weight = self.chance_weight(arrival, vertex, Source::Punctual(i), &light);
+            return self.lit(vertex, &light, share, rays) * (weight / chance);
         }
         let weight = |i: usize| {
             if share(i).is_none() {
@@ -151,7 +185,8 @@ impl Kernel<'_> {
         if !(0.0 < total && total.is_finite()) {
             return Vec3::ZERO;
         }
-        let mut rest = u * total;
+        #[expect(clippy::cast_possible_truncation, reason = "24 bits are enough for a few")]
+        let mut rest = u as f32 * total;
         let mut chosen = None;
         for i in 0..list.len() {
             let w = weight(i);
@@ -206,12 +241,27 @@ impl Kernel<'_> {
         Receiver { position: vertex.position, normal: vertex.shading_normal, below }
     }
 
-    fn emitters(&self, vertex: &Vertex, u: f32, v: [f32; 2], rays: &mut u32) -> Rgb {
-        let n = vertex.shading_normal;
-        let Some(s) = self.lights.emitters.sample(&self.emitter_receiver(vertex), u, v) else {
-            return Vec3::ZERO;
+    fn emitters(&self, vertex: &Vertex, u: f64, v: [f32; 2], rays: &mut u32) -> Rgb {
+        let (lights, at) = (self.lights, self.emitter_receiver(vertex));
+        let emitters = &lights.emitters;
+        if lights.emitters_by == Selection::All {
+            let each = (0..emitters.len()).filter_map(|k| emitters.sample_on(k, 1.0, &at, v));
+            return each.map(|s| self.emitter(vertex, &s, rays)).sum();
+        }
+        let sample = match lights.many_emitters() {
+            Some(many) => match many.one(&at, Among::Emitters, FallOff::Square, u) {
+                Some((Chosen::Emitter(k), chance)) => emitters.sample_on(k, chance, &at, v),
+                _ => None,
+            },
+            #[expect(clippy::cast_possible_truncation, reason = "24 bits are enough for a few")]
+            None => emitters.sample(&at, u as f32, v),
         };
-        let cos = s.wi.dot(n);
+        sample.map_or(Vec3::ZERO, |s| self.emitter(vertex, &s, rays))
+    }
+
+    /// Light of a point on an emissive triangle.
+    fn emitter(&self, vertex: &Vertex, s: &EmitterSample, rays: &mut u32) -> Rgb {
+        let cos = s.wi.dot(vertex.shading_normal);
         let responses = self.responses.filter(|_| vertex.faces(s.wi, s.distance));
         if (cos <= 0.0 || s.pdf_solid_angle <= 0.0) && responses.is_none() {
             return Vec3::ZERO;

@@ -13,13 +13,17 @@ use crate::geom::Ray;
 use crate::geom::ray::offset_distance;
 use crate::geom::world::luminance;
 use crate::light::emitters::{Group, GroupSample};
+use crate::light::many::{Among, Chosen};
 use crate::light::punctual::{Incident, Punctual};
+use crate::light::tree::{FallOff, Receiver};
+use crate::light::{ManyLights, Selection};
 use crate::media::Media;
 use crate::sample::Sequence;
 use crate::sample::warp::{Frame, square_to_cone};
 use crate::scene::model::Rgb;
 use crate::transport::air::{Crossed, Way, equi_angular};
 use crate::transport::airlight::{in_air, reach};
+use crate::transport::direct::{FINE, finer};
 use crate::transport::encounter::Onward;
 use crate::transport::light_grid::LightGrid;
 use crate::transport::path::{Kernel, MAX_LAYERS, Vertex};
@@ -90,22 +94,49 @@ impl Kernel<'_> {
             };
             power / d
         };
+        let [fine, ..] = sequence.coins(FINE);
         let [a, u, v, w] = sequence.next4();
-        let Some((i, chance)) = choose(lamps.len() + groups.len(), weigh, a) else { return };
-        let visit = &mut |wi, light: Rgb| visit(wi, light / chance);
-        match lamps.get(i) {
-            Some(lamp) if !lamp.shines_on(at.position) => {
-                self.through_cone((media, grid), at, lamp, [u, v, w], (sequence, rays), visit)
-            }
-            Some(lamp) => {
-                self.around((media, grid), at, &Lamp::Punctual(i, lamp), [u, v, w], (sequence, rays), visit)
+        let emitters = &self.lights.emitters;
+        let (lamp, chance) = match self.tree_in_media() {
+            // What is chosen is one triangle, which media know by the surface that it belongs to.
+            Some(many) => {
+                let place = Receiver::in_air(at.position);
+                match many.one(&place, Among::InMedia, FallOff::Linear, finer(a, fine)) {
+                    Some((Chosen::Lamp(i), chance)) => (Lamp::Punctual(i, &lamps[i]), chance),
+                    Some((Chosen::Emitter(k), chance)) => {
+                        let [_, c, d, _] = sequence.next4();
+                        let Some(group) = emitters.group_of(k) else { return };
+                        (Lamp::Patch(lamps.len() + group, emitters.point_on(k, 1.0, [c, d])), chance)
+                    }
+                    None => return,
+                }
             }
             None => {
-                let [b, c, d, _] = sequence.next4();
-                let patch = self.lights.emitters.sample_group(&groups[i - lamps.len()], b, [c, d]);
-                self.around((media, grid), at, &Lamp::Patch(i, patch), [u, v, w], (sequence, rays), visit)
+                let Some((i, chance)) = choose(lamps.len() + groups.len(), weigh, a) else { return };
+                match lamps.get(i) {
+                    Some(lamp) => (Lamp::Punctual(i, lamp), chance),
+                    None => {
+                        let [b, c, d, _] = sequence.next4();
+                        (Lamp::Patch(i, emitters.sample_group(&groups[i - lamps.len()], b, [c, d])), chance)
+                    }
+                }
             }
+        };
+        let visit = &mut |wi, light: Rgb| visit(wi, light / chance);
+        match &lamp {
+            Lamp::Punctual(_, lamp) if !lamp.shines_on(at.position) => {
+                self.through_cone((media, grid), at, lamp, [u, v, w], (sequence, rays), visit)
+            }
+            lamp => self.around((media, grid), at, lamp, [u, v, w], (sequence, rays), visit),
         }
+    }
+
+    /// The tree, if all lamps and emissive surfaces that media see as lamps are in it.
+    fn tree_in_media(&self) -> Option<&ManyLights> {
+        let l = self.lights;
+        let lamps = l.punctual.is_empty() || l.lamps_by == Selection::Tree;
+        let groups = l.emitters.groups().is_empty() || l.emitters_by == Selection::Tree;
+        l.many.as_ref().filter(|_| lamps && groups)
     }
 
     /// By a ray from the receiver whose angle from the lamp is uniform.
@@ -237,7 +268,11 @@ impl Kernel<'_> {
         let Some(media) = self.media.filter(|_| self.has_lamps_in_air()) else { return Vec3::ZERO };
         let (lamps, groups) = (&self.lights.punctual, self.lights.emitters.groups());
         let all = lamps.iter().map(Punctual::position).chain(groups.iter().map(|g| g.centre));
-        let d = all.map(|p| p - at.position).min_by(|a, b| a.length_squared().total_cmp(&b.length_squared()));
+        let nearest = self.tree_in_media().and_then(|many| many.nearest(at.position));
+        let d = nearest.or_else(|| {
+            all.map(|p| p - at.position)
+                .min_by(|a, b| a.length_squared().total_cmp(&b.length_squared()))
+        });
         let Some(d) = d else { return Vec3::ZERO };
         let length = d.length();
         let crossed = Crossed::new(media, (at.position, d / length.max(f32::MIN_POSITIVE), length));
@@ -331,7 +366,16 @@ impl Kernel<'_> {
         }
         let lamps =
             || l.punctual.iter().filter(|lamp| !lamp.indirect_only).filter_map(|lamp| lamp.incident(p));
-        if l.punctual.len() <= FEW {
+        let place = Receiver::in_air(p);
+        let fine = sequence.coins(FINE);
+        if let Some(many) = l.many_lamps() {
+            let chosen = many.one(&place, Among::BakedLamps, FallOff::Square, finer(c, fine[0]));
+            if let Some((Chosen::Lamp(i), chance)) = chosen
+                && let Some(light) = l.punctual[i].incident(p)
+            {
+                see(&light, reach(p, light.wi * light.distance), 1.0 / chance, rays);
+            }
+        } else if l.punctual.len() <= FEW {
             for light in lamps() {
                 see(&light, reach(p, light.wi * light.distance), 1.0, rays);
             }
@@ -346,6 +390,17 @@ impl Kernel<'_> {
                     break;
                 }
             }
+        }
+        if let Some(many) = l.many_emitters() {
+            let chosen = many.one(&place, Among::EmittersInMedia, FallOff::Square, finer(d, fine[1]));
+            if let Some((Chosen::Emitter(k), chance)) = chosen {
+                let [w, ..] = sequence.next4();
+                let at = l.emitters.point_on(k, 1.0, [f, w]);
+                if let Some((light, reach)) = self.patch_at(&at, p) {
+                    see(&light, reach, 1.0 / chance, rays);
+                }
+            }
+            return;
         }
         let groups = l.emitters.groups();
         let weigh = |g: &Group| g.intensity / (g.centre - p).length_squared().max(g.radius * g.radius);

@@ -90,6 +90,8 @@ pub struct Kernel<'a> {
     pub grid: Option<&'a LightGrid>,
     /// Whether paths scatter in it.
     pub scatters: bool,
+    /// Whether many emissive triangles are asked where [`Kernel::small`] asks lamps, and not by [`Kernel::arriving`].
+    pub emitters_apart: bool,
 }
 
 /// Where a path starts or turns.
@@ -189,6 +191,7 @@ impl<'a> Kernel<'a> {
             responses: tracing.responses.as_ref().filter(|_| media == MediaMode::Table),
             grid: None,
             scatters: media == MediaMode::Reference,
+            emitters_apart: false,
         }
     }
 }
@@ -212,15 +215,15 @@ impl Kernel<'_> {
 
     /// Whether there is anything that [`Kernel::small`] finds.
     pub(crate) fn has_small(&self) -> bool {
-        self.lights.has_small() || self.has_lamps_in_air()
+        self.lights.has_small() || self.has_lamps_in_air() || self.emitters_apart()
     }
 
-    /// What suns and lamps bring straight away, and what media scatter of lamps' light on the first leg, `E / pi`, nits: together with
+    /// What suns and lamps, and many emissive triangles, bring straight away, and what media scatter of lamps' light on the first leg, `E / pi`, nits: together with
     /// [`Kernel::arriving`] an estimate of the whole.
     pub(crate) fn small(&self, at: &Vertex, sequence: &mut Sequence) -> Estimate {
         let mut out = Estimate::default();
-        if self.lights.has_small() {
-            out.direct = self.direct(at, Part::Small, true, None, sequence, &mut out.rays).small;
+        if self.lights.has_small() || self.emitters_apart() {
+            out.direct = self.direct(at, Part::Small, true, None, sequence, &mut out.rays).sum();
         }
         out.indirect = self.lamps_through_air(at, sequence, &mut out.rays);
         out
@@ -442,7 +445,7 @@ impl Kernel<'_> {
             let met = self.encounter(&hit, wi);
             if met.emits && (ON_SURFACE || !self.lights.emitters.is_grouped(hit.triangle)) {
                 let other = if ON_SURFACE {
-                    self.lights.emitters.pdf(&self.emitter_receiver(from), hit.triangle, wi, travelled)
+                    self.lights.emitter_pdf(&self.emitter_receiver(from), hit.triangle, wi, travelled)
                 } else {
                     0.0
                 };

@@ -7,12 +7,15 @@
 //! Emitters and sky are found from there by chance, from surfaces as ever.
 
 use crate::geom::ray::offset_distance;
+use crate::light::many::{Among, Chosen};
 use crate::light::punctual::Incident;
+use crate::light::tree::{FallOff, Receiver};
 use crate::media::henyey_greenstein;
 use crate::media::{Media, Segment};
 use crate::sample::Sequence;
 use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
 use crate::scene::model::Rgb;
+use crate::transport::direct::{FINE, finer};
 use crate::transport::air::{Air, equi_angular, henyey_greenstein_direction};
 use crate::transport::direct::Part;
 use crate::transport::encounter::Onward;
@@ -110,7 +113,7 @@ impl Kernel<'_> {
             let met = self.encounter(&hit, direction);
             if met.emits {
                 let other = match &place {
-                    Place::Surface(v) => self.lights.emitters.pdf(
+                    Place::Surface(v) => self.lights.emitter_pdf(
                         &self.emitter_receiver(v),
                         hit.triangle,
                         direction,
@@ -165,6 +168,12 @@ impl Kernel<'_> {
         let [a, b, _, _] = sequence.next4();
         let (ask, weight) = if lamps.len() <= ALL_LAMPS {
             (0..lamps.len(), 1.0)
+        } else if let Some(many) = self.lights.many_lamps() {
+            let [fine, ..] = sequence.coins(FINE);
+            let at = Receiver::in_air(air.origin);
+            let chosen = many.one(&at, Among::Lamps, FallOff::Linear, finer(b, fine));
+            let Some((Chosen::Lamp(i), chance)) = chosen else { return Vec3::ZERO };
+            (i..i + 1, 1.0 / chance)
         } else {
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index")]
             let i = ((b * lamps.len() as f32) as usize).min(lamps.len() - 1);

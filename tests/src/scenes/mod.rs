@@ -3,4 +3,5 @@
 pub mod closed;
 pub mod hall;
 pub mod hard;
+pub mod lamps;
 pub mod open;

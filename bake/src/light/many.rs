@@ -1,0 +1,278 @@
+//! How lights are chosen where there are many: all of them, one by its weight among all, or one from a tree.
+
+use crate::light::emitters::Emitters;
+use crate::light::punctual::Punctual;
+#[cfg(feature = "comparison")]
+use crate::light::tree::comparison::{Intensity, Splitting};
+use crate::light::tree::published::Lightcuts;
+use crate::light::tree::{Effort, FallOff, LightTree, Pick, Receiver, Shine, TreeLight};
+use glam::Vec3A;
+
+/// Up to so many lamps are weighed one by one.
+pub const FEW_LAMPS: usize = 16;
+
+/// Up to so many emissive triangles are.
+pub const FEW_EMITTERS: usize = 32;
+
+/// How direct light is sampled: `--direct`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Direct {
+    /// Few lights are weighed one by one, many are in a tree.
+    #[default]
+    Auto,
+    /// A ray to each light from everywhere.
+    All,
+    /// All are in a tree.
+    Lightcuts,
+    /// Stochastic lightcuts as published: another tree and other weights, to compare with.
+    Published,
+    /// By intensity alone, to compare with.
+    #[cfg(feature = "comparison")]
+    Intensity,
+    /// Adaptive tree splitting, to compare with.
+    #[cfg(feature = "comparison")]
+    Splitting,
+}
+
+impl Direct {
+    /// Name on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::All => "all",
+            Self::Lightcuts => "lightcuts",
+            Self::Published => "published",
+            #[cfg(feature = "comparison")]
+            Self::Intensity => "intensity",
+            #[cfg(feature = "comparison")]
+            Self::Splitting => "splitting",
+        }
+    }
+}
+
+/// What becomes of the lights of one kind.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Selection {
+    /// A ray to each.
+    All,
+    /// Each is weighed, one chosen.
+    Weighed,
+    /// One is chosen by [`ManyLights`].
+    Tree,
+}
+
+/// Lights of [`ManyLights`] that may be chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Among {
+    /// Lamps whose direct light is baked.
+    BakedLamps,
+    /// All lamps.
+    Lamps,
+    /// Emissive triangles.
+    Emitters,
+    /// Those that count as lamps in media.
+    EmittersInMedia,
+    /// All lamps and the emissive triangles that count as lamps in media.
+    InMedia,
+}
+
+/// Kinds of lights that may be left out: groups of the tree.
+const BAKED: u32 = 1;
+const MIXED: u32 = 2;
+const NARROW: u32 = 4;
+const WIDE: u32 = 8;
+
+impl Among {
+    fn groups(self) -> u32 {
+        match self {
+            Self::BakedLamps => BAKED,
+            Self::Lamps => BAKED | MIXED,
+            Self::Emitters => NARROW | WIDE,
+            Self::EmittersInMedia => NARROW,
+            Self::InMedia => BAKED | MIXED | NARROW,
+        }
+    }
+}
+
+/// A light that was chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Chosen {
+    /// Index into [`crate::light::Lights::punctual`].
+    Lamp(usize),
+    /// Index of an emissive triangle among [`Emitters`].
+    Emitter(usize),
+}
+
+/// Lights in a tree.
+#[derive(Clone, Debug)]
+pub struct ManyLights {
+    how: How,
+    /// The light of each number in the tree, kind by kind.
+    lights: Vec<Chosen>,
+    /// Number in the tree of each emissive triangle; empty if they are not in it.
+    emitter: Vec<u32>,
+}
+
+#[derive(Clone, Debug)]
+enum How {
+    Tree(LightTree),
+    /// Over lamps and over emissive triangles, with how many lamps there are.
+    Published(Box<[Lightcuts; 2]>, u32),
+    #[cfg(feature = "comparison")]
+    Intensity(Box<[Intensity; 2]>, u32),
+    #[cfg(feature = "comparison")]
+    Splitting(Box<[Splitting; 2]>, u32),
+}
+
+impl ManyLights {
+    /// A tree over what is not weighed one by one; `None` if nothing is in it.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, reason = "the loader admits fewer than 2^31 lights")]
+    pub fn new(
+        direct: Direct,
+        lamps: Option<&[Punctual]>,
+        emitters: Option<&Emitters>,
+    ) -> Option<Self> {
+        let lamps = lamps.unwrap_or_default();
+        let n = emitters.map_or(0, Emitters::len);
+        let mut kinds: [Vec<Chosen>; 4] = Default::default();
+        for (i, lamp) in lamps.iter().enumerate() {
+            kinds[usize::from(lamp.indirect_only)].push(Chosen::Lamp(i));
+        }
+        for k in 0..n {
+            let grouped = emitters.is_some_and(|e| e.group_of(k).is_some());
+            kinds[if grouped { 2 } else { 3 }].push(Chosen::Emitter(k));
+        }
+        let sizes = kinds.each_ref().map(Vec::len);
+        let order: Vec<Chosen> = kinds.into_iter().flatten().collect();
+        if order.is_empty() {
+            return None;
+        }
+        let of = |c: &Chosen| match (*c, emitters) {
+            (Chosen::Lamp(i), _) => lamps[i].in_tree(),
+            (Chosen::Emitter(k), Some(e)) => e.in_tree(k),
+            (Chosen::Emitter(_), None) => unreachable!("only known emitters are listed"),
+        };
+        let lights: Vec<TreeLight> = order.iter().map(of).collect();
+        let mut emitter = vec![0; n];
+        for (number, c) in order.iter().enumerate() {
+            if let Chosen::Emitter(k) = *c {
+                emitter[k] = number as u32;
+            }
+        }
+        let parts = lights.split_at(lamps.len());
+        let first = lamps.len() as u32;
+        let how = match direct {
+            Direct::Auto | Direct::All | Direct::Lightcuts => How::Tree(LightTree::new(&lights, &sizes)),
+            Direct::Published => {
+                How::Published(Box::new([Lightcuts::new(parts.0), Lightcuts::new(parts.1)]), first)
+            }
+            #[cfg(feature = "comparison")]
+            Direct::Intensity => {
+                How::Intensity(Box::new([Intensity::new(parts.0), Intensity::new(parts.1)]), first)
+            }
+            #[cfg(feature = "comparison")]
+            Direct::Splitting => {
+                How::Splitting(Box::new([Splitting::new(parts.0), Splitting::new(parts.1)]), first)
+            }
+        };
+        Some(Self { how, lights: order, emitter })
+    }
+
+    /// One light for a place, with its probability; `None` is the null light.
+    #[must_use]
+    pub fn one(&self, at: &Receiver, among: Among, fall_off: FallOff, u: f64) -> Option<(Chosen, f32)> {
+        let pick = match &self.how {
+            How::Tree(tree) => tree.cut(*at, among.groups(), fall_off, eff()).one(u),
+            How::Published(both, first) => {
+                of_kind(among, u, *first, |kind, u| both[kind].one(at, u))
+            }
+            #[cfg(feature = "comparison")]
+            #[expect(clippy::cast_possible_truncation, reason = "24 bits are enough")]
+            How::Intensity(both, first) => {
+                of_kind(among, u, *first, |kind, u| both[kind].one((u as f32).min(1.0 - f32::EPSILON)))
+            }
+            #[cfg(feature = "comparison")]
+            How::Splitting(both, first) => of_kind(among, u, *first, |kind, u| both[kind].one(at, u)),
+        }?;
+        let chosen = self.lights[pick.light as usize];
+        Some((chosen, pick.chance))
+    }
+
+    /// With which probability [`ManyLights::one`] chooses an emissive triangle among all of them, for what falls with the square of the distance.
+    #[must_use]
+    pub fn probability(&self, at: &Receiver, emitter: usize) -> f32 {
+        let Some(&number) = self.emitter.get(emitter) else { return 0.0 };
+        match &self.how {
+            How::Tree(tree) => {
+                tree.cut(*at, Among::Emitters.groups(), FallOff::Square, eff()).probability(number)
+            }
+            How::Published(both, first) => both[1].probability(at, number - first),
+            #[cfg(feature = "comparison")]
+            How::Intensity(both, first) => both[1].probability(number - first),
+            #[cfg(feature = "comparison")]
+            How::Splitting(both, first) => both[1].probability(at, number - first),
+        }
+    }
+
+    /// The way to the nearest lamp or emissive triangle that counts as one in media, metres; `None` where trees do not know.
+    #[must_use]
+    pub fn nearest(&self, p: Vec3A) -> Option<Vec3A> {
+        match &self.how {
+            How::Tree(tree) => tree.nearest(p, Among::InMedia.groups()),
+            _ => None,
+        }
+    }
+
+    /// Number of lights in the tree.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.lights.len()
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.lights.is_empty()
+    }
+}
+
+/// Chooses one kind by a coin, where both are asked, then by `one`. Numbers of emissive triangles start at `first`.
+fn of_kind(
+    among: Among,
+    u: f64,
+    first: u32,
+    one: impl Fn(usize, f64) -> Option<Pick>,
+) -> Option<Pick> {
+    let (kind, u, half) = match among {
+        Among::BakedLamps | Among::Lamps => (0, u, 1.0),
+        Among::Emitters | Among::EmittersInMedia => (1, u, 1.0),
+        Among::InMedia if u < 0.5 => (0, 2.0 * u, 0.5),
+        Among::InMedia => (1, 2.0 * u - 1.0, 0.5),
+    };
+    let pick = one(kind, u)?;
+    let light = pick.light + if kind == 1 { first } else { 0 };
+    Some(Pick { light, chance: pick.chance * half })
+}
+
+impl Punctual {
+    /// As trees see it.
+    #[must_use]
+    pub fn in_tree(&self) -> TreeLight {
+        let intensity = crate::geom::world::luminance(self.intensity());
+        let shine = self.cone().map_or(Shine::Everywhere, |(axis, one_minus_cos)| Shine::Cone {
+            axis,
+            angle: (1.0 - one_minus_cos).clamp(-1.0, 1.0).acos(),
+        });
+        TreeLight { min: self.position(), max: self.position(), intensity, shine }
+    }
+}
+
+fn eff() -> Effort {
+    static E: std::sync::OnceLock<Effort> = std::sync::OnceLock::new();
+    *E.get_or_init(|| {
+        let v: Vec<f32> = std::env::var("EFF").unwrap_or("0.25,0.25,16".into()).split(',').map(|x| x.parse().unwrap()).collect();
+        Effort { near: v[0], share: v[1], open: v[2] as usize }
+    })
+}
