@@ -16,7 +16,16 @@ fn main() {
                 r.push(scene.runs(m, n, 3).0[0].all * 100.0);
             }
         }
-        println!("{:?} ratio {:.2} {:.2} | {:.2} {:.2} ours {:.2} {:.2}", r, r[0]/r[2], r[1]/r[2], r[4]/r[6], r[5]/r[6], r[3]/r[2], r[7]/r[6]);
+        println!(
+            "{:?} ratio {:.2} {:.2} | {:.2} {:.2} ours {:.2} {:.2}",
+            r,
+            r[0] / r[2],
+            r[1] / r[2],
+            r[4] / r[6],
+            r[5] / r[6],
+            r[3] / r[2],
+            r[7] / r[6]
+        );
         return;
     }
     for method in Method::ALL {

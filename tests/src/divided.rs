@@ -8,10 +8,10 @@
 use crate::gltf::{Glb, Material, Node};
 use crate::shape::{ALL, Shape};
 use bake::geom::{Ray, ray::offset_distance};
+use bake::light::Direct;
 use bake::light::tree::comparison::{Intensity, Representatives, Splitting};
 use bake::light::tree::published::{Choose, Lightcuts, Rule, Until, cut};
-use bake::light::tree::{Effort, FallOff, LightTree, Pick, Receiver, Shine, TreeLight};
-use bake::light::Direct;
+use bake::light::tree::{Cut, Effort, FEW, FallOff, LightTree, MOST, Pick, Receiver, Shine, TreeLight};
 use bake::plan::{MediaMode, Tracing};
 use bake::sample::{Sequence, sequence};
 use bake::scene::config::Config;
@@ -252,11 +252,11 @@ impl Divided {
                 self.by_cut(&Representatives::new(&self.lights, 32, Some(seed)), samples, seed)
             }
             Method::Ours => self.each_pixel(seed, |at, numbers, add| {
-                let effort = if samples == 1 { Effort::ONE } else { Effort::many(samples) };
-                let cut = self.ours.cut(*at, 1, FallOff::Square, effort);
                 if samples == 1 {
+                    let cut: Cut<'_, FEW> = self.ours.cut(*at, 1, FallOff::Square, Effort::ONE);
                     cut.one(numbers()).into_iter().for_each(add);
                 } else {
+                    let cut: Cut<'_, MOST> = self.ours.cut(*at, 1, FallOff::Square, Effort::many(samples));
                     cut.many(samples, numbers(), add);
                 }
                 1.0

@@ -320,6 +320,7 @@ fn attempt(name: &str, bytes: &[u8], folder: Option<&Path>, config: Option<&str>
         unwrap: Unwrap::Auto,
         engine: Engine::Uvunwrap,
         light_grid: Quality::Draft.light_grid(),
+        direct: bake::light::Direct::Auto,
         seed: 1,
         irradiance_cache: false,
         split_direct: false,

@@ -147,7 +147,8 @@ pub(crate) fn direct(arg: Option<DirectArg>, run: &RunConfig) -> Result<Direct, 
         DirectArg::All => Direct::All,
         DirectArg::Lightcuts => Direct::Lightcuts,
         DirectArg::Grid => {
-            let text = "--direct grid is reserved: this version has no lighting grid hierarchy; use lightcuts";
+            let text =
+                "--direct grid is reserved: this version has no lighting grid hierarchy; use lightcuts";
             return Err(Error::Usage(text.to_owned()));
         }
         DirectArg::Published => Direct::Published,

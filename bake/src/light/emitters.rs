@@ -5,9 +5,10 @@ use crate::geom::world::luminance;
 use crate::light::many::FEW_EMITTERS;
 use crate::light::tree::{Receiver, Shine, TreeLight};
 use crate::sample::discrete::Cdf;
+use crate::sample::spherical::SphericalTriangle;
 use crate::sample::warp::square_to_triangle;
 use crate::scene::model::Scene;
-use glam::Vec3A;
+use glam::{DVec3, Vec3A};
 
 /// The emissive triangles of a scene and how one of them is chosen.
 #[derive(Clone, Debug, Default)]
@@ -19,6 +20,9 @@ pub struct Emitters {
     /// For each entry of `list` the group that it belongs to, `u32::MAX` for none.
     group: Vec<u32>,
 }
+
+/// Points of triangles whose squared extent is more than this part of the squared distance are chosen by solid angle.
+const WIDE_FROM: f32 = 0.05;
 
 /// Emissive surfaces wider than this part of the scene are no lamps in media: any direction may find them.
 const WIDE: f32 = 0.5;
@@ -173,6 +177,13 @@ impl Emitters {
         }
     }
 
+    /// Bytes that they take.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        self.list.len() * (size_of::<Emitter>() + size_of::<u32>())
+            + self.of_triangle.len() * size_of::<u32>()
+    }
+
     /// Whether nothing emits.
     #[must_use]
     pub fn is_empty(&self) -> bool {
@@ -194,23 +205,21 @@ impl Emitters {
 
     /// A point on an emissive triangle that was chosen with a probability, as `at` sees it.
     #[must_use]
-    pub fn sample_on(
-        &self,
-        k: usize,
-        probability: f32,
-        at: &Receiver,
-        v: [f32; 2],
-    ) -> Option<EmitterSample> {
+    pub fn sample_on(&self, k: usize, probability: f32, at: &Receiver, v: [f32; 2]) -> Option<EmitterSample> {
         let e = &self.list[k];
-        let bary = square_to_triangle(v);
+        let wide = e.seen_wide(at);
+        let bary = match &wide {
+            Some(seen) => e.towards(at.position, seen.sample(v)),
+            None => square_to_triangle(v),
+        };
         let x = e.corners[0] * bary[0] + e.corners[1] * bary[1] + e.corners[2] * bary[2];
         let d = x - at.position;
         let distance = d.length();
         let wi = d / distance;
-        let pdf_solid_angle = probability * e.solid_angle_density(wi, distance);
         if !wi.is_finite() {
             return None;
         }
+        let pdf_solid_angle = probability * e.density(wide.as_ref(), wi, distance);
         let pdf_solid_angle = if pdf_solid_angle.is_finite() { pdf_solid_angle } else { 0.0 };
         let pdf_area = probability / e.area;
         Some(EmitterSample { triangle: e.triangle, bary, wi, distance, pdf_solid_angle, pdf_area })
@@ -221,13 +230,15 @@ impl Emitters {
     #[must_use]
     pub fn pdf(
         &self,
+        at: &Receiver,
         triangle: u32,
         wi: Vec3A,
         distance: f32,
         probability: impl FnOnce(usize) -> f32,
     ) -> f32 {
         let Some(k) = self.index(triangle) else { return 0.0 };
-        let density = probability(k) * self.list[k].solid_angle_density(wi, distance);
+        let e = &self.list[k];
+        let density = probability(k) * e.density(e.seen_wide(at).as_ref(), wi, distance);
         if density.is_finite() { density } else { f32::MAX }
     }
 
@@ -294,10 +305,35 @@ impl Emitter {
         self.area * self.luminance * if self.both_sides { 2.0 } else { 1.0 }
     }
 
-    fn solid_angle_density(&self, wi: Vec3A, distance: f32) -> f32 {
+    /// Density per steradian of its points, which are chosen by area or, where it is seen wide, by solid angle.
+    fn density(&self, wide: Option<&SphericalTriangle>, wi: Vec3A, distance: f32) -> f32 {
         let cos = -wi.dot(self.normal);
         let cos = if self.both_sides { cos.abs() } else { cos };
-        if cos <= 0.0 { 0.0 } else { distance * distance / (self.area * cos) }
+        match wide {
+            _ if cos <= 0.0 => 0.0,
+            #[expect(clippy::cast_possible_truncation, reason = "a density")]
+            Some(seen) => seen.solid_angle().recip() as f32,
+            None => distance * distance / (self.area * cos),
+        }
+    }
+
+    /// The triangle as a place sees it, where its points differ so much in distance that they are chosen by solid angle: next to a tube of neon light
+    /// nearly all light comes from the nearest part. By way of media its parts that are seen edge-on count as well, so there they are chosen by area.
+    fn seen_wide(&self, at: &Receiver) -> Option<SphericalTriangle> {
+        let d2 = (self.centre - at.position).length_squared();
+        let wide = at.below == 0.0 && WIDE_FROM * d2 < self.extent2;
+        wide.then(|| SphericalTriangle::new(at.position, &self.corners)).flatten()
+    }
+
+    /// The point that a place sees in a direction, barycentric.
+    #[expect(clippy::cast_possible_truncation, reason = "computed in f64 and stored in f32")]
+    fn towards(&self, from: Vec3A, wi: DVec3) -> [f32; 3] {
+        let [a, b, c] = self.corners.map(|c| c.as_dvec3() - from.as_dvec3());
+        let volumes = [wi.dot(b.cross(c)), wi.dot(c.cross(a)), wi.dot(a.cross(b))];
+        let sum: f64 = volumes.iter().sum();
+        let [u, v, w] = volumes.map(|x| (x / sum).clamp(0.0, 1.0));
+        let all = u + v + w;
+        if all.is_finite() { [u / all, v / all, w / all].map(|x| x as f32) } else { [1.0 / 3.0; 3] }
     }
 
     /// Rough share of the light at `p`: zero only where the triangle lies wholly behind the

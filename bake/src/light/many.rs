@@ -5,8 +5,11 @@ use crate::light::punctual::Punctual;
 #[cfg(feature = "comparison")]
 use crate::light::tree::comparison::{Intensity, Splitting};
 use crate::light::tree::published::Lightcuts;
-use crate::light::tree::{Effort, FallOff, LightTree, Pick, Receiver, Shine, TreeLight};
+use crate::light::tree::{Cut, Effort, FEW, FallOff, LightTree, Pick, Receiver, Shine, TreeLight};
 use glam::Vec3A;
+
+/// Up to so many lamps are all sampled at receivers; deeper along the path, or if there are more, one is chosen.
+pub const EVERY_LAMP: usize = 4;
 
 /// Up to so many lamps are weighed one by one.
 pub const FEW_LAMPS: usize = 16;
@@ -129,11 +132,7 @@ impl ManyLights {
     /// A tree over what is not weighed one by one; `None` if nothing is in it.
     #[must_use]
     #[expect(clippy::cast_possible_truncation, reason = "the loader admits fewer than 2^31 lights")]
-    pub fn new(
-        direct: Direct,
-        lamps: Option<&[Punctual]>,
-        emitters: Option<&Emitters>,
-    ) -> Option<Self> {
+    pub fn new(direct: Direct, lamps: Option<&[Punctual]>, emitters: Option<&Emitters>) -> Option<Self> {
         let lamps = lamps.unwrap_or_default();
         let n = emitters.map_or(0, Emitters::len);
         let mut kinds: [Vec<Chosen>; 4] = Default::default();
@@ -184,10 +183,8 @@ impl ManyLights {
     #[must_use]
     pub fn one(&self, at: &Receiver, among: Among, fall_off: FallOff, u: f64) -> Option<(Chosen, f32)> {
         let pick = match &self.how {
-            How::Tree(tree) => tree.cut(*at, among.groups(), fall_off, eff()).one(u),
-            How::Published(both, first) => {
-                of_kind(among, u, *first, |kind, u| both[kind].one(at, u))
-            }
+            How::Tree(tree) => cut(tree, at, among, fall_off).one(u),
+            How::Published(both, first) => of_kind(among, u, *first, |kind, u| both[kind].one(at, u)),
             #[cfg(feature = "comparison")]
             #[expect(clippy::cast_possible_truncation, reason = "24 bits are enough")]
             How::Intensity(both, first) => {
@@ -200,14 +197,40 @@ impl ManyLights {
         Some((chosen, pick.chance))
     }
 
+    /// About `n` lights for a place, for what falls with the square of the distance. `visit` gets each with the probability that [`ManyLights::one`]
+    /// chooses it with and how often it is chosen here on average, by which its light has to be divided.
+    pub fn several(
+        &self,
+        at: &Receiver,
+        among: Among,
+        n: usize,
+        u: f64,
+        visit: &mut dyn FnMut(Chosen, f32, f32),
+    ) {
+        let How::Tree(tree) = &self.how else {
+            for k in 0..n {
+                let u = (u + k as f64 / n as f64).fract();
+                if let Some((light, chance)) = self.one(at, among, FallOff::Square, u) {
+                    visit(light, chance, chance * n as f32);
+                }
+            }
+            return;
+        };
+        let cut = cut(tree, at, among, FallOff::Square);
+        let mut visit = |pick: Pick| visit(self.lights[pick.light as usize], pick.alone, pick.chance);
+        if n == 1 {
+            cut.one(u).into_iter().for_each(visit);
+        } else {
+            cut.many(n, u, &mut visit);
+        }
+    }
+
     /// With which probability [`ManyLights::one`] chooses an emissive triangle among all of them, for what falls with the square of the distance.
     #[must_use]
     pub fn probability(&self, at: &Receiver, emitter: usize) -> f32 {
         let Some(&number) = self.emitter.get(emitter) else { return 0.0 };
         match &self.how {
-            How::Tree(tree) => {
-                tree.cut(*at, Among::Emitters.groups(), FallOff::Square, eff()).probability(number)
-            }
+            How::Tree(tree) => cut(tree, at, Among::Emitters, FallOff::Square).probability(number),
             How::Published(both, first) => both[1].probability(at, number - first),
             #[cfg(feature = "comparison")]
             How::Intensity(both, first) => both[1].probability(number - first),
@@ -225,6 +248,16 @@ impl ManyLights {
         }
     }
 
+    /// Bytes that it takes.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        let tree = match &self.how {
+            How::Tree(tree) => tree.bytes(),
+            _ => 0,
+        };
+        tree + self.lights.len() * size_of::<Chosen>() + self.emitter.len() * size_of::<u32>()
+    }
+
     /// Number of lights in the tree.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -238,13 +271,13 @@ impl ManyLights {
     }
 }
 
+/// The cut for one light or a few.
+fn cut<'a>(tree: &'a LightTree, at: &Receiver, among: Among, fall_off: FallOff) -> Cut<'a, FEW> {
+    tree.cut(*at, among.groups(), fall_off, Effort::ONE)
+}
+
 /// Chooses one kind by a coin, where both are asked, then by `one`. Numbers of emissive triangles start at `first`.
-fn of_kind(
-    among: Among,
-    u: f64,
-    first: u32,
-    one: impl Fn(usize, f64) -> Option<Pick>,
-) -> Option<Pick> {
+fn of_kind(among: Among, u: f64, first: u32, one: impl Fn(usize, f64) -> Option<Pick>) -> Option<Pick> {
     let (kind, u, half) = match among {
         Among::BakedLamps | Among::Lamps => (0, u, 1.0),
         Among::Emitters | Among::EmittersInMedia => (1, u, 1.0),
@@ -253,7 +286,7 @@ fn of_kind(
     };
     let pick = one(kind, u)?;
     let light = pick.light + if kind == 1 { first } else { 0 };
-    Some(Pick { light, chance: pick.chance * half })
+    Some(Pick { light, chance: pick.chance * half, alone: pick.alone * half })
 }
 
 impl Punctual {
@@ -267,12 +300,4 @@ impl Punctual {
         });
         TreeLight { min: self.position(), max: self.position(), intensity, shine }
     }
-}
-
-fn eff() -> Effort {
-    static E: std::sync::OnceLock<Effort> = std::sync::OnceLock::new();
-    *E.get_or_init(|| {
-        let v: Vec<f32> = std::env::var("EFF").unwrap_or("0.25,0.25,16".into()).split(',').map(|x| x.parse().unwrap()).collect();
-        Effort { near: v[0], share: v[1], open: v[2] as usize }
-    })
 }

@@ -13,12 +13,12 @@ use crate::geom::World;
 use crate::scene::model::{LightKind, LightMode, Scene};
 pub use beams::Beams;
 pub use emitters::Emitters;
+use glam::Vec3A;
 pub use many::{Direct, ManyLights, Selection};
 use many::{FEW_EMITTERS, FEW_LAMPS};
 pub use punctual::{Punctual, Sun};
 pub use sky::SkyLight;
 pub use sky_guide::SkyGuide;
-use glam::Vec3A;
 use tree::Receiver;
 
 /// The lights of a scene, ready to be sampled. Dynamic lights are left out.
@@ -47,6 +47,13 @@ impl Lights {
         !(self.suns.is_empty() && self.punctual.is_empty())
     }
 
+    /// Bytes that lamps, emissive triangles and their tree take, about.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        let tree = self.many.as_ref().map_or(0, ManyLights::bytes);
+        self.punctual.len() * size_of::<Punctual>() + self.emitters.bytes() + tree
+    }
+
     /// The tree, if lamps are in it.
     #[must_use]
     pub fn many_lamps(&self) -> Option<&ManyLights> {
@@ -63,7 +70,7 @@ impl Lights {
     /// `distance`. 0 if it does not emit.
     #[must_use]
     pub fn emitter_pdf(&self, at: &Receiver, triangle: u32, wi: Vec3A, distance: f32) -> f32 {
-        self.emitters.pdf(triangle, wi, distance, |k| match (self.emitters_by, &self.many) {
+        self.emitters.pdf(at, triangle, wi, distance, |k| match (self.emitters_by, &self.many) {
             (Selection::Tree, Some(many)) => many.probability(at, k),
             (Selection::All, _) => 1.0,
             _ => self.emitters.probability(at, k),

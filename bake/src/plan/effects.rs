@@ -1,6 +1,7 @@
 //! What a scene contains, and what runs because of it.
 
-use crate::light::Lights;
+use crate::light::many::EVERY_LAMP;
+use crate::light::{Direct, Lights, Selection};
 use crate::plan::settings::{MediaMode, Settings};
 use crate::scene::model::{AlphaMode, LightMode, LightmapMode, Scene};
 use serde::Serialize;
@@ -35,20 +36,35 @@ pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> 
         n => format!("{n} {what}s"),
     };
     let effect = |name, runs, why| Effect { name, runs, why };
+    let from_tree = match settings.direct {
+        Direct::Auto => ": many, chosen from a tree (stochastic lightcuts)",
+        Direct::Lightcuts => ", chosen from a tree (stochastic lightcuts)",
+        _ => ", chosen as --direct says, to compare with",
+    };
     vec![
         effect(
             "point and spot lights",
             !lights.punctual.is_empty(),
-            match lights.punctual.len() {
-                0..=4 => count(lights.punctual.len(), "light") + ", all sampled at every texel",
-                n => count(n, "light") + ", one chosen per path vertex by its unshadowed contribution",
-            },
+            count(lights.punctual.len(), "light")
+                + match (lights.punctual.len(), lights.lamps_by) {
+                    (_, Selection::All) => ", a ray to each from everywhere",
+                    (0..=EVERY_LAMP, Selection::Weighed) => {
+                        ": few, all sampled at every texel, one where paths turn"
+                    }
+                    (_, Selection::Weighed) => ": few, each weighed by what it brings unshadowed, one chosen",
+                    (_, Selection::Tree) => from_tree,
+                },
         ),
         effect("suns", !lights.suns.is_empty(), count(lights.suns.len(), "directional light")),
         effect(
             "emissive surfaces",
             0 < emitters,
-            count(emitters, "emissive triangle") + ", found by next-event estimation and by chance",
+            count(emitters, "emissive triangle")
+                + match lights.emitters_by {
+                    Selection::All => ", a ray to each from everywhere; found by chance as well",
+                    Selection::Weighed => ": few, each weighed, one chosen; found by chance as well",
+                    Selection::Tree => from_tree,
+                },
         ),
         effect(
             "sky",

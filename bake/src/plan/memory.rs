@@ -164,7 +164,9 @@ impl Memory {
             scene: document + meshes + images + crate::media::Media::bytes(scene),
             unwrap: UNWRAP_PER_VERTEX * unwrapped.map(|l| l.vertices.len() as u64).sum::<u64>(),
             atlas: layouts,
-            tracing: (World::BYTES as u64 * triangles) + tracing.bvh.bytes() as u64,
+            tracing: (World::BYTES as u64 * triangles)
+                + tracing.bvh.bytes() as u64
+                + tracing.lights.bytes() as u64,
             build: BUILD_PER_TRIANGLE * triangles,
             grid: fill,
             cache: grid + find,

@@ -5,6 +5,7 @@
 
 pub mod discrete;
 pub mod sequence;
+pub mod spherical;
 pub mod warp;
 
 pub use sequence::Sequence;

@@ -7,12 +7,12 @@
 use crate::geom::ray::offset_distance;
 use crate::geom::world::luminance;
 use crate::geom::{Hit, Ray};
-use crate::light::beams::Source;
 use crate::light::Selection;
+use crate::light::beams::Source;
 use crate::light::emitters::EmitterSample;
-use crate::light::many::{Among, Chosen};
+use crate::light::many::{Among, Chosen, EVERY_LAMP};
 use crate::light::punctual::Incident;
-use crate::light::tree::{FallOff, Receiver};
+use crate::light::tree::Receiver;
 use crate::sample::Sequence;
 use crate::sample::warp::cos_hemisphere_pdf;
 use crate::scene::model::Rgb;
@@ -20,10 +20,6 @@ use crate::transport::connect::Arrival;
 use crate::transport::path::{Kernel, Vertex};
 use glam::{Vec3, Vec3A};
 use std::f32::consts::FRAC_1_PI;
-
-/// Up to this many punctual lights are all sampled at the receiver; deeper along the path, or if
-/// there are more, one is chosen by what it would contribute unshadowed.
-pub(crate) const EXHAUSTIVE: usize = 4;
 
 /// See [`Kernel::least_cosine`].
 const LEAST_COSINE: f32 = 0.1;
@@ -64,6 +60,23 @@ enum Share {
     Scattered,
 }
 
+/// Fraction of the golden ratio: what several lights that share numbers shift them by.
+const GOLDEN: f32 = 0.618_034;
+
+/// How many of many lights texels ask at once. Measured on a hall with 5,000 lamps and 50,000 emissive triangles, noise in equal time against one: 2 as much, 4 less by a
+/// tenth to a sixth, 8 as 4.
+const SEVERAL: usize = 4;
+
+/// Who asks lamps.
+#[derive(Clone, Copy)]
+struct Asked<'a> {
+    vertex: &'a Vertex,
+    receiver: bool,
+    arrival: Option<Arrival>,
+    /// How many of many are asked.
+    n: usize,
+}
+
 /// Numbers that make the choice among many lights finer.
 pub(crate) const FINE: u32 = 8;
 
@@ -94,11 +107,13 @@ impl Kernel<'_> {
         if punctual || emitters {
             let fine = sequence.coins(FINE);
             let [a, b, c, d] = sequence.next4();
+            let n = if receiver && part == Part::Small { SEVERAL } else { 1 };
             if punctual {
-                out.small += self.punctual(vertex, receiver, arrival, finer(a, fine[0]), rays);
+                let at = Asked { vertex, receiver, arrival, n };
+                out.small += self.punctual(&at, finer(a, fine[0]), rays);
             }
             if emitters {
-                out.area += self.emitters(vertex, finer(b, fine[1]), [c, d], rays);
+                out.area += self.emitters(vertex, n, finer(b, fine[1]), [c, d], rays);
             }
         }
         let suns = small && !lights.suns.is_empty();
@@ -109,7 +124,7 @@ impl Kernel<'_> {
             for (i, sun) in asked.iter().enumerate() {
                 let Some(share) = self.share(receiver && sun.indirect_only) else { continue };
                 // Several suns share two numbers, each shifted by another multiple of the golden ratio.
-                let shift = i as f32 * 0.618_034;
+                let shift = i as f32 * GOLDEN;
                 let u = [(a + shift).fract(), (b + 2.0 * shift).fract()];
                 let light = sun.sample(u);
                 let weight = self.chance_weight(arrival, vertex, Source::Sun(i), &light);
@@ -139,18 +154,12 @@ impl Kernel<'_> {
         }
     }
 
-    fn punctual(
-        &self,
-        vertex: &Vertex,
-        receiver: bool,
-        arrival: Option<Arrival>,
-        u: f64,
-        rays: &mut u32,
-    ) -> Rgb {
+    fn punctual(&self, at: &Asked<'_>, u: f64, rays: &mut u32) -> Rgb {
+        let Asked { vertex, receiver, arrival, n } = *at;
         let list = &self.lights.punctual;
         let share = |i: usize| self.share(receiver && list[i].indirect_only);
         let by = self.lights.lamps_by;
-        if by == Selection::All || (by == Selection::Weighed && receiver && list.len() <= EXHAUSTIVE) {
+        if by == Selection::All || (by == Selection::Weighed && receiver && list.len() <= EVERY_LAMP) {
             return (0..list.len())
                 .filter_map(|i| Some((i, share(i)?, list[i].incident(vertex.position)?)))
                 .map(|(i, share, light)| {
@@ -161,14 +170,15 @@ impl Kernel<'_> {
         }
         if let Some(many) = self.lights.many_lamps() {
             let among = if receiver && self.responses.is_none() { Among::BakedLamps } else { Among::Lamps };
-            let at = self.emitter_receiver(vertex);
-            let chosen = many.one(&at, among, FallOff::Square, u);
-            let Some((Chosen::Lamp(i), chance)) = chosen else { return Vec3::ZERO };
-            let Some((share, light)) = share(i).zip(list[i].incident(vertex.position)) else {
-                return Vec3::ZERO;
-            };
-            let weight = self.chance_weight(arrival, vertex, Source::Punctual(i), &light);
-            return self.lit(vertex, &light, share, rays) * (weight / chance);
+            let mut sum = Vec3::ZERO;
+            many.several(&self.emitter_receiver(vertex), among, n, u, &mut |light, _, chance| {
+                let Chosen::Lamp(i) = light else { return };
+                if let Some((share, light)) = share(i).zip(list[i].incident(vertex.position)) {
+                    let weight = self.chance_weight(arrival, vertex, Source::Punctual(i), &light);
+                    sum += self.lit(vertex, &light, share, rays) * (weight / chance);
+                }
+            });
+            return sum;
         }
         let weight = |i: usize| {
             if share(i).is_none() {
@@ -241,22 +251,28 @@ impl Kernel<'_> {
         Receiver { position: vertex.position, normal: vertex.shading_normal, below }
     }
 
-    fn emitters(&self, vertex: &Vertex, u: f64, v: [f32; 2], rays: &mut u32) -> Rgb {
+    fn emitters(&self, vertex: &Vertex, n: usize, u: f64, v: [f32; 2], rays: &mut u32) -> Rgb {
         let (lights, at) = (self.lights, self.emitter_receiver(vertex));
         let emitters = &lights.emitters;
         if lights.emitters_by == Selection::All {
             let each = (0..emitters.len()).filter_map(|k| emitters.sample_on(k, 1.0, &at, v));
             return each.map(|s| self.emitter(vertex, &s, rays)).sum();
         }
-        let sample = match lights.many_emitters() {
-            Some(many) => match many.one(&at, Among::Emitters, FallOff::Square, u) {
-                Some((Chosen::Emitter(k), chance)) => emitters.sample_on(k, chance, &at, v),
-                _ => None,
-            },
+        let Some(many) = lights.many_emitters() else {
             #[expect(clippy::cast_possible_truncation, reason = "24 bits are enough for a few")]
-            None => emitters.sample(&at, u as f32, v),
+            let sample = emitters.sample(&at, u as f32, v);
+            return sample.map_or(Vec3::ZERO, |s| self.emitter(vertex, &s, rays));
         };
-        sample.map_or(Vec3::ZERO, |s| self.emitter(vertex, &s, rays))
+        let (mut sum, mut v) = (Vec3::ZERO, v);
+        many.several(&at, Among::Emitters, n, u, &mut |light, one, chance| {
+            let Chosen::Emitter(k) = light else { return };
+            // Weighed as if it had been chosen alone, as light that is found by chance is.
+            if let Some(s) = emitters.sample_on(k, one, &at, v) {
+                sum += self.emitter(vertex, &s, rays) * (one / chance);
+            }
+            v = [(v[0] + GOLDEN).fract(), (v[1] + 2.0 * GOLDEN).fract()];
+        });
+        sum
     }
 
     /// Light of a point on an emissive triangle.
@@ -354,10 +370,14 @@ impl Kernel<'_> {
 
     /// What surfaces leave of light along a segment.
     pub(crate) fn unblocked(&self, from: &Vertex, wi: Vec3A, t_max: f32, rays: &mut u32) -> Rgb {
-        // Rays start off the plane, so they are shorter by up to as much.
-        let t_max = t_max - from.offset;
-        let ray: Ray = from.ray(wi, t_max);
-        if t_max <= 0.0 {
+        let mut ray: Ray = from.ray(wi, t_max);
+        if t_max.is_finite() {
+            // Rays start off the plane, and end where they would have ended: a thin tube's own far side must not hide what it shows.
+            let way = from.position + wi * t_max - ray.origin;
+            ray.t_max = way.length();
+            ray.direction = way / ray.t_max;
+        }
+        if !(0.0 < ray.t_max && 0.0 < t_max) {
             return Vec3::ONE;
         }
         *rays += 1;

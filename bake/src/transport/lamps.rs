@@ -270,8 +270,7 @@ impl Kernel<'_> {
         let all = lamps.iter().map(Punctual::position).chain(groups.iter().map(|g| g.centre));
         let nearest = self.tree_in_media().and_then(|many| many.nearest(at.position));
         let d = nearest.or_else(|| {
-            all.map(|p| p - at.position)
-                .min_by(|a, b| a.length_squared().total_cmp(&b.length_squared()))
+            all.map(|p| p - at.position).min_by(|a, b| a.length_squared().total_cmp(&b.length_squared()))
         });
         let Some(d) = d else { return Vec3::ZERO };
         let length = d.length();

@@ -15,9 +15,9 @@ use crate::media::{Media, Segment};
 use crate::sample::Sequence;
 use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
 use crate::scene::model::Rgb;
-use crate::transport::direct::{FINE, finer};
 use crate::transport::air::{Air, equi_angular, henyey_greenstein_direction};
 use crate::transport::direct::Part;
+use crate::transport::direct::{FINE, finer};
 use crate::transport::encounter::Onward;
 use crate::transport::path::{
     DEEP, DEEP_SURVIVAL, Estimate, Kernel, MAX_LAYERS, ROULETTE_BELOW, Vertex, balance,
@@ -113,12 +113,9 @@ impl Kernel<'_> {
             let met = self.encounter(&hit, direction);
             if met.emits {
                 let other = match &place {
-                    Place::Surface(v) => self.lights.emitter_pdf(
-                        &self.emitter_receiver(v),
-                        hit.triangle,
-                        direction,
-                        travelled,
-                    ),
+                    Place::Surface(v) => {
+                        self.lights.emitter_pdf(&self.emitter_receiver(v), hit.triangle, direction, travelled)
+                    }
                     Place::Medium => 0.0,
                 };
                 let emitted = throughput * met.shade.emission * balance(pdf, other);

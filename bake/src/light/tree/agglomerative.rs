@@ -6,8 +6,8 @@
 //! joined, round by round (\[MB18\] Meister & Bittner, "Parallel Locally-Ordered Clustering for Bounding Volume Hierarchy Construction", 2018): O(n log n), parallel,
 //! and the same tree every time.
 
-use super::build::{BinaryTree, Node};
 use super::TreeLight;
+use super::build::{BinaryTree, Node};
 use glam::Vec3A;
 use rayon::prelude::*;
 use std::f32::consts::PI;
@@ -46,8 +46,8 @@ pub fn build(lights: &[TreeLight]) -> BinaryTree {
                 let a = &made[clusters[i] as usize];
                 let near = i.saturating_sub(REACH)..(i + REACH + 1).min(n);
                 let unlike = |j: &usize| unlike(a, &made[clusters[*j] as usize], c2);
-                // Pairs are compared from both ends, so equal ones are decided by place.
-                let of = |j: &usize| (i.min(*j), i.max(*j));
+                // Equal ones are decided by place, alike from both ends, and so that coincident lights pair off.
+                let of = |j: &usize| (i ^ *j, i.min(*j));
                 near.filter(|j| *j != i)
                     .min_by(|j, k| unlike(j).total_cmp(&unlike(k)).then(of(j).cmp(&of(k))))
                     .unwrap_or(i)
@@ -108,4 +108,3 @@ fn morton(p: Vec3A) -> u64 {
     };
     spread(p.x) | spread(p.y) << 1 | spread(p.z) << 2
 }
-

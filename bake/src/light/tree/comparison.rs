@@ -26,7 +26,7 @@ impl Intensity {
     pub fn one(&self, u: f32) -> Option<Pick> {
         let cdf = self.0.as_ref()?;
         let (k, _) = cdf.sample(u);
-        Some(Pick { light: k as u32, chance: cdf.pdf(k) })
+        Some(Pick { light: k as u32, chance: cdf.pdf(k), alone: cdf.pdf(k) })
     }
 
     /// With which probability [`Intensity::one`] chooses a light.

@@ -22,7 +22,7 @@ pub mod published;
 mod sample;
 pub mod wide;
 
-pub use sample::{Cut, Effort, Pick};
+pub use sample::{Cut, Effort, FEW, MOST, Pick};
 pub use wide::LightTree;
 
 use glam::Vec3A;

@@ -64,6 +64,32 @@ pub enum Rule {
     RunningEstimate,
 }
 
+impl Rule {
+    /// Whether a node with this sample is dropped.
+    fn drops(self, light: Option<u32>) -> bool {
+        match self {
+            #[cfg(feature = "comparison")]
+            Self::DropNull => light.is_none(),
+            _ => {
+                let _ = light;
+                false
+            }
+        }
+    }
+
+    /// Whether a node with this bound is left whole, and with it all others.
+    fn stops(self, bound: f32, least: f32, estimate: f32) -> bool {
+        match self {
+            #[cfg(feature = "comparison")]
+            Self::RunningEstimate => bound <= 0.02 * estimate,
+            _ => {
+                let _ = estimate;
+                bound < least
+            }
+        }
+    }
+}
+
 /// A node of a cut.
 #[derive(Clone, Copy, Debug)]
 struct Entry {
@@ -123,8 +149,12 @@ pub fn cut(
     if !(0.0 < bound) || until.samples == 0 {
         return 0;
     }
+    let found = lights.choose(at, 0, numbers());
+    if rule.drops(light_of(found)) {
+        return 1;
+    }
     let mut heap = BinaryHeap::new();
-    heap.push(entry(0, lights.choose(at, 0, numbers()), bound, value));
+    heap.push(entry(0, found, bound, value));
     // Entries that are not split any more.
     let mut done: Vec<Entry> = Vec::new();
     let mut samples = 1;
@@ -134,12 +164,7 @@ pub fn cut(
     while samples < until.samples
         && let Some(e) = heap.pop()
     {
-        let stop = match rule {
-            #[cfg(feature = "comparison")]
-            Rule::RunningEstimate => e.bound <= 0.02 * estimate,
-            _ => e.bound < until.part * sum,
-        };
-        if stop {
+        if rule.stops(e.bound, until.part * sum, estimate) {
             done.push(e);
             break;
         }
@@ -162,12 +187,7 @@ pub fn cut(
         ] {
             let Some(found) = found else { continue };
             samples += usize::from(child == other);
-            let dropped = match rule {
-                #[cfg(feature = "comparison")]
-                Rule::DropNull => light_of(found).is_none(),
-                _ => false,
-            };
-            if dropped {
+            if rule.drops(light_of(found)) {
                 continue;
             }
             let e = entry(child, found, lights.bound(at, child), value);
@@ -178,7 +198,7 @@ pub fn cut(
     }
     for e in heap.into_iter().chain(done) {
         if let Some(light) = light_of(e.found) {
-            visit(Pick { light, chance: e.found.chance });
+            visit(Pick { light, chance: e.found.chance, alone: e.found.chance });
         }
     }
     samples
@@ -251,7 +271,7 @@ pub(super) fn one(lights: &impl Choose, at: &Receiver, u: f64) -> Option<Pick> {
     }
     let found = lights.choose(at, 0, u);
     let node = &nodes[found.node as usize];
-    node.is_leaf().then_some(Pick { light: node.light, chance: found.chance })
+    node.is_leaf().then_some(Pick { light: node.light, chance: found.chance, alone: found.chance })
 }
 
 /// Stochastic lightcuts.

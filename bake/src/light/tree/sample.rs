@@ -4,9 +4,6 @@ use super::wide::{Groups, LANES, LightTree, Weights};
 use super::{FallOff, Receiver};
 use arrayvec::ArrayVec;
 
-/// Most nodes that a cut opens.
-const MOST_OPEN: usize = 128;
-
 /// No light is deeper: what building from the top can reach with 2^31 lights.
 const DEEPEST: usize = 96;
 
@@ -17,6 +14,8 @@ pub struct Pick {
     pub light: u32,
     /// How often it is chosen on average, at most 1: what it brings has to be divided by this.
     pub chance: f32,
+    /// With which probability it is chosen where only one light is.
+    pub alone: f32,
 }
 
 /// How far nodes are opened for a cut.
@@ -26,35 +25,40 @@ pub struct Effort {
     pub near: f32,
     /// So are those with more than this part of all weights.
     pub share: f32,
-    /// At most so many are, 1 to 128; the roots of the groups are in any case.
-    pub open: usize,
 }
+
+/// Most nodes that a cut for a single light opens: what is near costs that much and brings less noise. Measured on a hall with 5,000 lamps and 50,000 emissive triangles:
+/// 8 gave 10 % more noise in the same time, 40 the same noise in 10 % more time.
+pub const FEW: usize = 16;
+
+/// Most nodes that a cut for many lights opens.
+pub const MOST: usize = 128;
 
 impl Effort {
     /// For a single light.
-    pub const ONE: Self = Self { near: 0.25, share: 0.25, open: 16 };
+    pub const ONE: Self = Self { near: 0.5, share: 1.0 };
 
-    /// For `n` lights.
+    /// For `n` lights: no node is left closed that deserves more than one of them.
     #[must_use]
     pub fn many(n: usize) -> Self {
-        Self { near: 0.25, share: 1.0 / n as f32, open: (16 + n).min(MOST_OPEN) }
+        Self { near: 0.25, share: 1.0 / n as f32 }
     }
 }
 
-/// Nodes opened for a place, and what they bring by the weights of the nodes and lights in which that ends.
+/// Up to `N` nodes opened for a place, and what they bring by the weights of the nodes and lights in which that ends.
 #[derive(Clone, Debug)]
-pub struct Cut<'a> {
+pub struct Cut<'a, const N: usize> {
     tree: &'a LightTree,
     at: Receiver,
     fall_off: FallOff,
-    open: Opened,
+    open: Opened<N>,
     /// Weights of the roots of the groups that are asked.
     roots: [f32; LANES],
     total: f32,
 }
 
 /// Open nodes, parents before their children.
-type Opened = ArrayVec<Open, MOST_OPEN>;
+type Opened<const N: usize> = ArrayVec<Open, N>;
 
 /// A node that was opened.
 #[derive(Clone, Copy, Debug)]
@@ -71,63 +75,58 @@ struct Open {
 }
 
 impl LightTree {
-    /// Opens nodes around a place, for the groups whose bits are set.
+    /// Opens up to `N` nodes around a place, at most 128, for the groups whose bits are set.
     #[must_use]
     #[expect(clippy::cast_possible_truncation, reason = "at most 128 are open")]
-    pub fn cut(&self, at: Receiver, groups: Groups, fall_off: FallOff, effort: Effort) -> Cut<'_> {
-        let mut open = Opened::new();
-        let most = effort.open.clamp(1, MOST_OPEN);
-        let weigh = |node: u32, parent: Option<u8>, lane: u8| {
-            let Weights { weight, nearness } = self.nodes[node as usize].weigh(&at, fall_off);
-            (Open { node, parent, lane, child: [0; LANES], weight, total: weight.iter().sum() }, nearness)
-        };
-        let mut nearness: ArrayVec<[f32; LANES], MOST_OPEN> = ArrayVec::new();
+    pub fn cut<const N: usize>(
+        &self,
+        at: Receiver,
+        groups: Groups,
+        fall_off: FallOff,
+        effort: Effort,
+    ) -> Cut<'_, N> {
+        const { assert!(LANES <= N && N <= MOST, "roots fit, and numbers of open nodes fit in a byte") };
+        let (open, roots) = (Opened::new(), [0.0; LANES]);
+        let mut cut = Cut { tree: self, at, fall_off, open, roots, total: 0.0 };
+        let mut nearness: ArrayVec<[f32; LANES], N> = ArrayVec::new();
         for (g, root) in self.roots.iter().enumerate().take(LANES) {
             if let Some(root) = root.filter(|_| groups >> g & 1 == 1) {
-                let (o, near) = weigh(root, None, g as u8);
-                open.push(o);
-                nearness.push(near);
+                nearness.push(cut.push(root, None, g as u8));
             }
         }
         // What is near first, then what is bright.
         for bright in [false, true] {
-            let all: f32 = if bright {
-                let open_children = open.iter().flat_map(|o| (0..LANES).filter(|k| 0 < o.child[*k]).map(|k| o.weight[k]));
-                let opened: f32 = open_children.sum();
-                open.iter().map(|o| o.total).sum::<f32>() - opened
-            } else {
-                0.0
-            };
-            let least = effort.share * all;
+            if bright && 1.0 <= effort.share {
+                break;
+            }
+            let least = if bright { effort.share * cut.sum() } else { 0.0 };
             let mut next = 0;
-            while next < open.len() && open.len() < most {
-                let Open { node, child, weight, .. } = open[next];
+            while next < cut.open.len() && !cut.open.is_full() {
+                let Open { node, child, weight, .. } = cut.open[next];
                 let children = &self.nodes[node as usize].child;
                 for lane in 0..LANES {
-                    let wanted = if bright { least < weight[lane] } else { effort.near < nearness[next][lane] };
+                    let wanted =
+                        if bright { least < weight[lane] } else { effort.near < nearness[next][lane] };
                     if wanted
                         && 0.0 < weight[lane]
                         && child[lane] == 0
                         && children[lane].light().is_none()
-                        && open.len() < most
+                        && !cut.open.is_full()
                     {
-                        let (o, near) = weigh(children[lane].node() as u32, Some(next as u8), lane as u8);
-                        open[next].child[lane] = open.len() as u8;
-                        open.push(o);
-                        nearness.push(near);
+                        cut.open[next].child[lane] = cut.open.len() as u8;
+                        nearness.push(cut.push(children[lane].node() as u32, Some(next as u8), lane as u8));
                     }
                 }
                 next += 1;
             }
         }
-        let mut roots = [0.0; LANES];
-        let total = sum_up(&mut open, &mut roots);
-        Cut { tree: self, at, fall_off, open, roots, total }
+        cut.total = sum_up(&mut cut.open, &mut cut.roots);
+        cut
     }
 }
 
 /// Adds up what open nodes hold, from the last one to the roots, and gives the sum of all.
-fn sum_up(open: &mut Opened, roots: &mut [f32; LANES]) -> f32 {
+fn sum_up<const N: usize>(open: &mut Opened<N>, roots: &mut [f32; LANES]) -> f32 {
     for k in (0..open.len()).rev() {
         let total: f32 = open[k].weight.iter().sum();
         open[k].total = total;
@@ -140,7 +139,20 @@ fn sum_up(open: &mut Opened, roots: &mut [f32; LANES]) -> f32 {
     roots.iter().sum()
 }
 
-impl Cut<'_> {
+impl<const N: usize> Cut<'_, N> {
+    /// Opens a node, and says how near its children are.
+    fn push(&mut self, node: u32, parent: Option<u8>, lane: u8) -> [f32; LANES] {
+        let Weights { weight, nearness } = self.tree.weigh(node, &self.at, self.fall_off);
+        self.open.push(Open { node, parent, lane, child: [0; LANES], weight, total: 0.0 });
+        nearness
+    }
+
+    /// Sum of all weights before they are added up.
+    fn sum(&self) -> f32 {
+        let closed = |o: &Open| (0..LANES).filter(|k| o.child[*k] == 0).map(|k| o.weight[k]).sum::<f32>();
+        self.open.iter().map(closed).sum()
+    }
+
     /// Sum of all weights; 0 if nothing can reach the place.
     #[must_use]
     pub fn total(&self) -> f32 {
@@ -150,28 +162,21 @@ impl Cut<'_> {
     /// One light, chosen by `u` in [0, 1); `None` if that ends where nothing shines: the null light.
     #[must_use]
     pub fn one(&self, u: f64) -> Option<Pick> {
-        if !(0.0 < self.total && self.total.is_finite()) {
-            return None;
-        }
         let mut rest = u;
         let group = step(&self.roots, self.total, &mut rest)?;
         let mut chance = self.roots[group] / self.total;
         let root = self.tree.roots.get(group).copied().flatten()?;
-        let mut node = root as usize;
-        let mut open = self.find_open(root);
+        let (mut node, mut open) = (root, self.find_open(root));
         loop {
-            let (weights, total) = match open {
-                Some(k) => (self.open[k].weight, self.open[k].total),
-                None => self.weigh(node),
-            };
+            let (weights, total) = self.weights(node, open);
             let lane = step(&weights, total, &mut rest)?;
             chance *= weights[lane] / total;
-            let child = self.tree.nodes[node].child[lane];
+            let child = self.tree.nodes[node as usize].child[lane];
             if let Some(light) = child.light() {
-                return Some(Pick { light, chance });
+                return Some(Pick { light, chance, alone: chance });
             }
-            open = open.and_then(|k| Some(self.open[k].child[lane] as usize).filter(|&k| 0 < k));
-            node = child.node();
+            open = self.open_child(open, lane);
+            node = child.node() as u32;
         }
     }
 
@@ -183,12 +188,10 @@ impl Cut<'_> {
             return 0.0;
         }
         // The way up, which is then gone down as the choice goes.
-        let mut way = [(0u32, 0u8); DEEPEST];
-        let mut n = 0;
+        let mut way = ArrayVec::<(u32, u8), DEEPEST>::new();
         let (mut node, mut lane) = (node, lane);
         loop {
-            way[n] = (node, lane);
-            n += 1;
+            way.push((node, lane));
             let parent = self.tree.parent[node as usize];
             if parent.0 == node {
                 break;
@@ -197,18 +200,15 @@ impl Cut<'_> {
         }
         let Some(group) = self.tree.roots.iter().position(|r| *r == Some(node)) else { return 0.0 };
         let mut chance = self.roots[group] / self.total;
-        let mut open = if 0.0 < chance { self.find_open(node) } else { None };
-        for &(node, lane) in way[..n].iter().rev() {
-            let (weights, total) = match open {
-                Some(k) => (self.open[k].weight, self.open[k].total),
-                None => self.weigh(node as usize),
-            };
-            let weight = weights[lane as usize];
-            if !(0.0 < weight && total.is_finite()) {
+        let mut open = if 0.0 < chance { self.find_open(node) } else { return 0.0 };
+        for &(node, lane) in way.iter().rev() {
+            let lane = lane as usize;
+            let (weights, total) = self.weights(node, open);
+            if !(0.0 < weights[lane] && total.is_finite()) {
                 return 0.0;
             }
-            chance *= weight / total;
-            open = open.and_then(|k| Some(self.open[k].child[lane as usize] as usize).filter(|&k| 0 < k));
+            chance *= weights[lane] / total;
+            open = self.open_child(open, lane);
         }
         chance
     }
@@ -231,7 +231,7 @@ impl Cut<'_> {
                         && total <= *weight * left
                         && let Some(light) = child.light()
                     {
-                        visit(Pick { light, chance: 1.0 });
+                        visit(Pick { light, chance: 1.0, alone: *weight / self.total });
                         *weight = 0.0;
                         certain += 1;
                     }
@@ -248,87 +248,120 @@ impl Cut<'_> {
         }
         // What is too little to be seen in the sum has its chance all the same.
         left = left.max(n as f32 * (total / self.total));
-        let walk = Walk { cut: self, open: &open, u };
-        walk.share(&roots, total, 0.0, f64::from(left), &mut |group, from, to| {
+        let mut walk = Walk { cut: self, open: &open, u, visit: &mut visit };
+        let mut parts = [(0, 0.0, 0.0); LANES];
+        let hit = walk.share(&roots, total, 0.0, f64::from(left), &mut parts);
+        for &(group, from, to) in &parts[..hit] {
             if let Some(root) = self.tree.roots.get(group).copied().flatten() {
-                walk.descend(root as usize, self.find_open(root), from, to, &mut visit);
+                let alone = self.roots[group] / self.total;
+                walk.descend(root, self.find_open(root), (from, to), alone);
             }
-        });
+        }
+    }
+
+    /// Weights of a node's children and their sum.
+    #[inline]
+    fn weights(&self, node: u32, open: Option<usize>) -> ([f32; LANES], f32) {
+        match open {
+            Some(k) => (self.open[k].weight, self.open[k].total),
+            None => {
+                let w = self.tree.weigh(node, &self.at, self.fall_off).weight;
+                (w, w.iter().sum())
+            }
+        }
+    }
+
+    fn open_child(&self, open: Option<usize>, lane: usize) -> Option<usize> {
+        open.map(|k| self.open[k].child[lane] as usize).filter(|&k| 0 < k)
     }
 
     fn find_open(&self, root: u32) -> Option<usize> {
         // Roots are opened first.
         self.open.iter().take(LANES).position(|o| o.node == root)
     }
-
-    fn weigh(&self, node: usize) -> ([f32; LANES], f32) {
-        let w = self.tree.nodes[node].weigh(&self.at, self.fall_off).weight;
-        (w, w.iter().sum())
-    }
 }
 
 /// Systematic sampling: a place in the tree that has weight for `to - from` samples gets those of the points `k + u` that lie between.
-struct Walk<'a> {
-    cut: &'a Cut<'a>,
-    open: &'a Opened,
+struct Walk<'a, V, const N: usize> {
+    cut: &'a Cut<'a, N>,
+    /// As in the cut, without what is certain.
+    open: &'a Opened<N>,
     u: f64,
+    visit: &'a mut V,
 }
 
-impl Walk<'_> {
-    /// Whether a point lies in a part.
-    fn hits(&self, from: f64, to: f64) -> bool {
-        (from - self.u).ceil() < to - self.u
+impl<V: FnMut(Pick), const N: usize> Walk<'_, V, N> {
+    /// How many points lie below `x`.
+    #[inline]
+    fn below(&self, x: f64) -> u64 {
+        let x = x - self.u;
+        if x <= 0.0 {
+            return 0;
+        }
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a small positive number"
+        )]
+        let whole = x as u64;
+        whole + u64::from((whole as f64) < x)
     }
 
-    /// Divides a part by weights and visits what is hit.
+    /// Divides a part by weights, and gives the number of parts that are hit: which child, from and to.
+    #[inline]
     fn share(
         &self,
         weights: &[f32; LANES],
         total: f32,
         from: f64,
         to: f64,
-        visit: &mut dyn FnMut(usize, f64, f64),
-    ) {
+        parts: &mut [(usize, f64, f64); LANES],
+    ) -> usize {
         let each = (to - from) / f64::from(total);
         let last = (0..LANES).rev().find(|&k| 0.0 < weights[k]);
-        let mut start = from;
-        for (lane, &w) in weights.iter().enumerate().filter(|w| 0.0 < *w.1) {
-            let end = if Some(lane) == last { to } else { (start + f64::from(w) * each).min(to) };
-            if self.hits(start, end) {
-                visit(lane, start, end);
+        let (mut start, mut before, mut hit) = (from, self.below(from), 0);
+        for (lane, &w) in weights.iter().enumerate() {
+            if !(0.0 < w) {
+                continue;
             }
-            start = end;
+            let end = if Some(lane) == last { to } else { (start + f64::from(w) * each).min(to) };
+            let upto = self.below(end);
+            if before < upto {
+                parts[hit] = (lane, start, end);
+                hit += 1;
+            }
+            (start, before) = (end, upto);
         }
+        hit
     }
 
-    fn descend(
-        &self,
-        node: usize,
-        open: Option<usize>,
-        from: f64,
-        to: f64,
-        visit: &mut dyn FnMut(Pick),
-    ) {
+    fn descend(&mut self, node: u32, open: Option<usize>, (from, to): (f64, f64), alone: f32) {
         let (weights, total) = match open {
             Some(k) => (self.open[k].weight, self.open[k].total),
-            None => self.cut.weigh(node),
+            None => self.cut.weights(node, None),
         };
         if !(0.0 < total && total.is_finite()) {
             return;
         }
-        self.share(&weights, total, from, to, &mut |lane, from, to| {
-            let child = self.cut.tree.nodes[node].child[lane];
-            if let Some(light) = child.light() {
-                #[expect(clippy::cast_possible_truncation, reason = "at most 1")]
-                let chance = (to - from).min(1.0) as f32;
-                if 0.0 < chance {
-                    visit(Pick { light, chance });
-                }
-                return;
+        let mut parts = [(0, 0.0, 0.0); LANES];
+        let hit = self.share(&weights, total, from, to, &mut parts);
+        for &(lane, from, to) in &parts[..hit] {
+            let alone = alone
+                * match open {
+                    Some(k) => self.cut.open[k].weight[lane] / self.cut.open[k].total,
+                    None => weights[lane] / total,
+                };
+            let child = self.cut.tree.nodes[node as usize].child[lane];
+            let Some(light) = child.light() else {
+                self.descend(child.node() as u32, self.cut.open_child(open, lane), (from, to), alone);
+                continue;
+            };
+            #[expect(clippy::cast_possible_truncation, reason = "at most 1")]
+            let chance = (to - from).min(1.0) as f32;
+            if 0.0 < chance {
+                (self.visit)(Pick { light, chance, alone });
             }
-            let open = open.and_then(|k| Some(self.open[k].child[lane] as usize).filter(|&k| 0 < k));
-            self.descend(child.node(), open, from, to, visit);
-        });
+        }
     }
 }
 

@@ -14,9 +14,10 @@ const LIGHT: u32 = 1 << 31;
 /// One number for each child.
 type Lanes = [f32; LANES];
 
-/// Mean of the inverse squared distance to places in a box is about that to its middle, with this part of its squared half diagonal
-/// added to the square: as in a ball, 3 / radius^2 in the middle, 1 / distance^2 from afar.
-const SOFT: f32 = 1.0 / 6.0;
+/// The nearest light of a node is no nearer than the nearest point of its box, and inside of it about as near as this part of the squared half
+/// sides: the shorter two, and the longest, because lights are few along a line and many in a volume. In a cube that gives the mean of the inverse square over a ball of the
+/// same volume.
+const INSIDE: [f32; 2] = [0.044, 1e-4];
 
 /// A weight is no smaller than this part of what a light would bring that shines straight at the place: where the cosines of the middle say that nothing
 /// arrives, something may still.
@@ -35,6 +36,8 @@ pub(super) struct Wide {
     half: [Lanes; 3],
     /// Half their diagonals, metres.
     radius: Lanes,
+    /// Squares of how near the nearest light is to a place inside, square metres.
+    inside2: Lanes,
     /// Axes of the cones of normals.
     axis: [Lanes; 3],
     /// Cosines of the angles from them beyond which nothing shines, a little less; -2 where everything may.
@@ -84,6 +87,8 @@ pub struct LightTree {
     pub(super) place: Vec<(u32, u8)>,
     /// For each node its parent and where in it; that of a root is itself.
     pub(super) parent: Vec<(u32, u8)>,
+    /// Whether the processor takes eight numbers at once; that makes no difference to what comes out.
+    avx2: bool,
 }
 
 /// Weights of eight children.
@@ -105,7 +110,11 @@ impl LightTree {
     #[expect(clippy::cast_possible_truncation, reason = "the loader admits fewer than 2^31 lights")]
     pub fn new(lights: &[TreeLight], groups: &[usize]) -> Self {
         assert_eq!(groups.iter().sum::<usize>(), lights.len(), "every light is in a group");
-        let mut tree = Self { place: vec![(u32::MAX, 0); lights.len()], ..Self::default() };
+        #[cfg(target_arch = "x86_64")]
+        let avx2 = is_x86_feature_detected!("avx2");
+        #[cfg(not(target_arch = "x86_64"))]
+        let avx2 = false;
+        let mut tree = Self { place: vec![(u32::MAX, 0); lights.len()], avx2, ..Self::default() };
         let mut first = 0;
         for &n in groups {
             let binary = BinaryTree::new(&lights[first..first + n]);
@@ -117,6 +126,25 @@ impl LightTree {
             first += n;
         }
         tree
+    }
+
+    /// The same without using what the processor offers.
+    #[cfg(test)]
+    pub(super) fn without_lanes(self) -> Self {
+        Self { avx2: false, ..self }
+    }
+
+    /// What the children of a node may bring to a place.
+    #[inline]
+    pub(super) fn weigh(&self, node: u32, at: &Receiver, fall_off: FallOff) -> Weights {
+        let node = &self.nodes[node as usize];
+        #[cfg(target_arch = "x86_64")]
+        if self.avx2 {
+            #[expect(unsafe_code, reason = "needs the processor's features")]
+            // SAFETY: the processor was asked.
+            return unsafe { node.weigh_avx2(at, fall_off) };
+        }
+        node.weigh(at, fall_off)
     }
 
     /// Number of lights that shine.
@@ -167,11 +195,10 @@ impl LightTree {
         best.1
     }
 
-    /// Bytes for so many lights, about.
+    /// Bytes that it takes.
     #[must_use]
-    pub fn bytes(lights: usize) -> usize {
-        // Nodes are mostly full: one for every seven lights or less, as counted on scattered ones.
-        lights * (size_of::<Wide>() / 5 + size_of::<(u32, u8)>())
+    pub fn bytes(&self) -> usize {
+        self.nodes.len() * size_of::<Wide>() + (self.place.len() + self.parent.len()) * size_of::<(u32, u8)>()
     }
 
     /// Gathers binary nodes, the lights of which start at `first`, into wide ones.
@@ -211,11 +238,8 @@ fn children(binary: &BinaryTree, k: u32) -> Vec<u32> {
             let n = &binary.nodes[k as usize];
             (n.intensity * n.size2(), n.lights)
         };
-        let open = all
-            .iter()
-            .enumerate()
-            .filter(|(_, k)| !binary.nodes[**k as usize].is_leaf())
-            .max_by(|a, b| {
+        let open =
+            all.iter().enumerate().filter(|(_, k)| !binary.nodes[**k as usize].is_leaf()).max_by(|a, b| {
                 let (a, b) = (rank(*a.1), rank(*b.1));
                 a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))
             });
@@ -231,6 +255,7 @@ impl Wide {
         middle: [[0.0; LANES]; 3],
         half: [[0.0; LANES]; 3],
         radius: [0.0; LANES],
+        inside2: [0.0; LANES],
         axis: [[0.0; LANES]; 3],
         shine: [-2.0; LANES],
         facing: [[0.0; LANES]; 3],
@@ -255,6 +280,8 @@ impl Wide {
             self.facing[axis][lane] = facing[axis];
         }
         self.radius[lane] = half.length();
+        let longest2 = half.max_element() * half.max_element();
+        self.inside2[lane] = INSIDE[0] * (half.length_squared() - longest2).max(0.0) + INSIDE[1] * longest2;
         self.spread[lane] = 0.25 * (1.0 - facing.length()).max(0.0);
         self.directed |= beyond < PI;
         self.shine[lane] = if beyond < PI { beyond.cos() - ROUNDING } else { -2.0 };
@@ -266,8 +293,8 @@ impl Wide {
     ///
     /// The mean over a child's box of `I cos cos / d^2`, roughly, and exactly 0 only where no light in it can reach the place: where all
     /// of the box is below the receiver's plane or the place is outside of the cone of directions in which its lights shine.
-    #[inline]
-    pub(super) fn weigh(&self, at: &Receiver, fall_off: FallOff) -> Weights {
+    #[inline(always)]
+    fn weigh(&self, at: &Receiver, fall_off: FallOff) -> Weights {
         if at.normal == Vec3A::ZERO {
             match fall_off {
                 FallOff::Square => self.weigh_as::<false, false>(at),
@@ -281,27 +308,39 @@ impl Wide {
         }
     }
 
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn weigh_avx2(&self, at: &Receiver, fall_off: FallOff) -> Weights {
+        self.weigh(at, fall_off)
+    }
+
     /// Written so that compilers turn each step into one on all lanes.
+    #[inline(always)]
     fn weigh_as<const SURFACE: bool, const LINEAR: bool>(&self, at: &Receiver) -> Weights {
         let (p, n, below) = (at.position, at.normal, at.below);
         let (ax, ay, az) = (n.x.abs(), n.y.abs(), n.z.abs());
         let mut weight = [0.0; LANES];
         let mut nearness = [0.0; LANES];
-        let [mut x, mut y, mut z, mut d2, mut soft] = [[0.0; LANES]; 5];
+        let [mut x, mut y, mut z, mut d2, mut near] = [[0.0; LANES]; 5];
         for k in 0..LANES {
             x[k] = self.middle[0][k] - p.x;
             y[k] = self.middle[1][k] - p.y;
             z[k] = self.middle[2][k] - p.z;
             d2[k] = x[k] * x[k] + y[k] * y[k] + z[k] * z[k];
             let r2 = self.radius[k] * self.radius[k];
-            let soft2 = d2[k] + SOFT * r2;
-            soft[k] = soft2.sqrt();
-            weight[k] = if LINEAR { 1.0 / soft[k] } else { 1.0 / soft2 };
+            let ex = greater(x[k].abs() - self.half[0][k], 0.0);
+            let ey = greater(y[k].abs() - self.half[1][k], 0.0);
+            let ez = greater(z[k].abs() - self.half[2][k], 0.0);
+            // Between the nearest and the farthest, where distances were uniform, the mean of the inverse square is that of their product.
+            near[k] = (ex * ex + ey * ey + ez * ez + self.inside2[k]).sqrt();
+            let far = (d2[k] + r2).sqrt();
+            weight[k] = if LINEAR { 1.0 / far } else { 1.0 / (near[k] * far) };
             nearness[k] = r2 / d2[k];
         }
         for k in 0..LANES {
             let facing = -(self.facing[0][k] * x[k] + self.facing[1][k] * y[k] + self.facing[2][k] * z[k]);
-            let patch = greater(facing, 0.0) / soft[k] + self.spread[k];
+            // Seen by the nearest ones, which matter most.
+            let patch = less(greater(facing, 0.0) / near[k], 1.0) + self.spread[k];
             weight[k] *= self.flat[k] + self.patches[k] * greater(patch, LEAST);
         }
         if SURFACE {
@@ -312,8 +351,8 @@ impl Wide {
                 let top = height + reach;
                 // Mean of what is positive, were heights in the box uniform.
                 let positive = if reach <= height { height } else { 0.25 * top * top / reach };
-                let alive = below < top + 1e-6 * (soft[k] + reach);
-                let w = weight[k] * greater(positive / soft[k], LEAST);
+                let alive = below < top + 1e-6 * (d2[k].sqrt() + reach);
+                let w = weight[k] * greater(less(positive / near[k], 1.0), LEAST);
                 weight[k] = if alive { w } else { 0.0 };
             }
         }
@@ -339,7 +378,14 @@ impl Wide {
     }
 }
 
+/// As [`f32::min`], likewise.
+#[inline(always)]
+fn less(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
 /// As [`f32::max`], but in one instruction; `b` if one is not a number.
+#[inline(always)]
 fn greater(a: f32, b: f32) -> f32 {
     if b < a { a } else { b }
 }

@@ -1,0 +1,270 @@
+//! Many lights: lightcuts against other ways to choose, and through the whole tool.
+
+#![expect(clippy::unwrap_used, reason = "a test may panic")]
+
+use serde_json::{Value, json};
+use std::fs;
+use suite::baked::Page;
+use suite::divided::{Divided, Method};
+use suite::gltf::{Glb, Kind, Material, Node};
+use suite::scenes::lamps::lamps;
+use suite::shape::{ALL, Shape};
+use suite::tool;
+
+/// The paper's order, and how far ours is below what it publishes.
+#[test]
+fn fewer_errors_than_other_ways() {
+    let scene = Divided::new(24);
+    let rmse = |method, samples| scene.runs(method, samples, 10).0[0].all;
+    for samples in [10, 100] {
+        let [intensity, splitting, published, ours] =
+            [Method::Intensity, Method::Splitting, Method::Published, Method::Ours].map(|m| rmse(m, samples));
+        println!("{samples}: {intensity:.4} {splitting:.4} {published:.4} {ours:.4}");
+        assert!(splitting < intensity && published < splitting, "{samples}: the order of [SLC20] table 1");
+        assert!(ours < 0.75 * published, "{samples}: {ours} {published}");
+        if samples == 10 {
+            let ratio = intensity / published;
+            assert!((1.31 * 0.7..1.31 * 1.3).contains(&ratio), "{ratio}");
+        }
+    }
+}
+
+fn write(folder: &tempfile::TempDir, name: &str, bytes: &[u8]) -> String {
+    let path = folder.path().join(name);
+    fs::write(&path, bytes).unwrap();
+    path.display().to_string()
+}
+
+fn plan(scene: &str, args: &[&str], folder: &tempfile::TempDir) -> Vec<(String, String)> {
+    let all = [&["plan", scene, "--json", "--texels-per-metre", "0.5"], args].concat();
+    let out = tool::bake(&all, folder.path()).expect(0);
+    let plan: Value = serde_json::from_str(&out.stdout).unwrap();
+    let effects = plan["effects"].as_array().unwrap();
+    let text = |v: &Value| v.as_str().unwrap().to_owned();
+    effects.iter().map(|e| (text(&e["name"]), text(&e["why"]))).collect()
+}
+
+/// Few lights are all asked, many are in a tree, and the plan says so.
+#[test]
+fn plans_say_how_lights_are_chosen() {
+    let folder = tempfile::tempdir().unwrap();
+    for (lights, triangles, args, lamp, emitter) in [
+        (2, 24, &[][..], "few, all", "few, each"),
+        (12, 24, &[], "few, each", "few, each"),
+        (40, 240, &[], "many, chosen from a tree", "many, chosen from a tree"),
+        (2, 24, &["--direct", "lightcuts"], "chosen from a tree", "chosen from a tree"),
+        (40, 240, &["--direct", "all"], "a ray to each", "a ray to each"),
+    ] {
+        let scene = write(&folder, "lamps.glb", &lamps(lights, triangles));
+        let effects = plan(&scene, args, &folder);
+        let why = |name: &str| &effects.iter().find(|e| e.0 == name).unwrap().1;
+        assert!(why("point and spot lights").contains(lamp), "{effects:?}");
+        assert!(why("emissive surfaces").contains(emitter), "{effects:?}");
+    }
+    let scene = write(&folder, "lamps.glb", &lamps(2, 0));
+    let out = tool::bake(&["run", &scene, "--direct", "grid"], folder.path()).expect(2);
+    assert!(out.stderr.contains("reserved") && out.stderr.contains("lightcuts"), "{}", out.stderr);
+}
+
+/// Irradiance at places is the same however lights are chosen: all of them with a ray each is the truth.
+#[test]
+fn all_ways_agree() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("lamps.glb");
+    fs::write(&scene, lamps(60, 480)).unwrap();
+    let at: Vec<[[f64; 3]; 2]> = (0..12)
+        .map(|k| {
+            let x = f64::from(k) * 4.9 - 27.0;
+            let z = f64::from(k * 7 % 12) * 2.3 - 12.5;
+            [[x, 0.01, z], [0.0, 1.0, 0.0]]
+        })
+        .collect();
+    let by = |direct: &str, error: &str| {
+        tool::points(&scene, &at, &["--direct", direct, "--bounces", "1", "--target-error", error])
+    };
+    let truth = by("all", "0.01");
+    for direct in ["auto", "lightcuts", "published", "splitting"] {
+        let got = by(direct, "0.01");
+        let mut off = Vec::new();
+        for ([value, error], [want, uncertain]) in got.iter().zip(&truth) {
+            for c in 0..3 {
+                let sigma = (error[c].powi(2) + uncertain[c].powi(2)).sqrt() + 1e-3 * want[c];
+                off.push((value[c] - want[c]) / sigma);
+            }
+        }
+        let worst = off.iter().fold(0.0f64, |w, z| w.max(z.abs()));
+        let mean = off.iter().sum::<f64>() / (off.len() as f64).sqrt();
+        assert!(worst < 5.0 && mean.abs() < 5.0, "{direct}: {worst} {mean}");
+    }
+}
+
+/// Light straight from a thin closed body far from the origin: what it shows must not be hidden by its own rounding. A small sphere
+/// brings `pi L (r / d)^2`.
+#[test]
+fn thin_bodies_do_not_hide_themselves() {
+    let mut glb = Glb::new();
+    let grey = glb.material(&Material::matte("grey", [0.5; 3]));
+    let glowing = glb.material(&Material::matte("glowing", [0.0; 3]).emitting([100.0; 3]));
+    let mut floor = Shape::default();
+    floor.cuboid([30.0, -1.0, 30.0], [32.0, -0.9, 32.0], ALL);
+    let mut bulb = Shape::default();
+    bulb.icosphere(0.01, 3, false);
+    let body = bulb.moved([31.0, 0.05, 31.0]);
+    for (name, shape, material) in [("floor", &floor, grey), ("bulb", &body, glowing)] {
+        let mesh = glb.mesh(name, &[(shape, material)]);
+        glb.node(Node::new(name).mesh(mesh));
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("bulb.glb");
+    fs::write(&scene, glb.finish()).unwrap();
+    let at = [0.03, 0.06, 0.2].map(|d| [[31.0, 0.05 - d, 31.0], [0.0, 1.0, 0.0]]);
+    // The flat triangles between the sphere's points cover a little less than it does.
+    let cover = {
+        let area: f64 = body
+            .triangles
+            .iter()
+            .map(|t| {
+                let [a, b, c] = t.map(|i| body.positions[i as usize].as_dvec3());
+                0.5 * (b - a).cross(c - a).length()
+            })
+            .sum();
+        area / (4.0 * std::f64::consts::PI * 1e-4)
+    };
+    for direct in ["lightcuts", "all", "intensity", "published"] {
+        let got =
+            tool::points(&scene, &at, &["--direct", direct, "--bounces", "0", "--target-error", "0.003"]);
+        for ([value, _], [place, _]) in got.iter().zip(&at) {
+            let want = std::f64::consts::PI * 100.0 * (0.01 / (0.05 - place[1])).powi(2) * cover;
+            assert!((value[0] / want - 1.0).abs() < 0.015, "{direct} {}: {} {want}", place[1], value[0]);
+        }
+    }
+}
+
+/// Lights at the edges, through the whole tool: every texel is a number, none negative, and one light inside a wall lights nothing.
+#[test]
+fn hard_lights_leave_numbers() {
+    let scene = |places: &[([f32; 3], f32)], extras: Value| {
+        let mut glb = Glb::new();
+        let grey = glb.material(&Material::matte("grey", [0.5; 3]));
+        let mut room = Shape::default();
+        room.cuboid([-2.0, 0.0, -2.0], [2.0, 3.0, 2.0], ALL);
+        let mut block = Shape::default();
+        block.cuboid([-1.0, 0.0, -1.0], [0.0, 1.0, 0.0], ALL);
+        for (name, shape) in [("room", room.inside_out()), ("block", block)] {
+            let mesh = glb.mesh(name, &[(&shape, grey)]);
+            glb.node(Node::new(name).mesh(mesh));
+        }
+        for (k, (place, candela)) in places.iter().enumerate() {
+            let mut node = Node::new(&format!("lamp {k}")).at(*place);
+            node.light = Some(glb.light(&format!("lamp {k}"), Kind::Point, [1.0; 3], *candela));
+            node.extras = extras.clone();
+            glb.node(node);
+        }
+        glb.finish()
+    };
+    let args = ["--texels-per-metre", "4", "--samples", "16", "--strict", "--direct", "lightcuts"];
+    let mean = |places: &[([f32; 3], f32)]| {
+        let baked = tool::baked(&scene(places, json!({})), &args);
+        let means = baked.node_means();
+        for page in baked.node_means().values() {
+            assert!(page[0].is_finite() && 0.0 <= page[0].min_element());
+        }
+        means["room"][0].x
+    };
+    let one = mean(&[([0.5, 1.5, 0.5], 100.0)]);
+    assert!(1.0 < one, "{one}");
+    // Many in one place are one of their sum.
+    let many = mean(&vec![([0.5, 1.5, 0.5], 1.0); 100]);
+    assert!((many / one - 1.0).abs() < 0.03, "{many} {one}");
+    // Inside of a wall, on the floor, twelve orders of magnitude dimmer, dark.
+    assert_eq!(mean(&vec![([-0.5, 0.5, -0.5], 100.0); 40]), 0.0);
+    let mut mixed = vec![([0.5, 1.5, 0.5], 100.0); 1];
+    mixed.extend(vec![([0.4, 1.6, 0.5], 1e-10); 20]);
+    mixed.extend(vec![([1.0, 0.0, 1.0], 1e-3); 3]);
+    mixed.extend(vec![([-0.5, 0.5, -0.5], 50.0); 20]);
+    mixed.push(([1.0, 1.0, 1.0], 0.0));
+    let mixed = mean(&mixed);
+    assert!((mixed / one - 1.0).abs() < 0.03, "{mixed} {one}");
+}
+
+/// The scene with all light doubled.
+fn doubled(glb: &[u8]) -> Vec<u8> {
+    let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+    let mut json: Value = serde_json::from_slice(&glb[20..20 + length]).unwrap();
+    let twice = |v: &mut Value| *v = json!(v.as_f64().unwrap() * 2.0);
+    for light in json["extensions"]["KHR_lights_punctual"]["lights"].as_array_mut().unwrap() {
+        twice(&mut light["intensity"]);
+    }
+    for material in json["materials"].as_array_mut().unwrap() {
+        if let Some(strength) =
+            material.pointer_mut("/extensions/KHR_materials_emissive_strength/emissiveStrength")
+        {
+            twice(strength);
+        }
+    }
+    let mut text = serde_json::to_vec(&json).unwrap();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let mut out = glb[..12].to_vec();
+    out.extend(u32::try_from(text.len()).unwrap().to_le_bytes());
+    out.extend(&glb[16..20]);
+    out.extend(text);
+    out.extend(&glb[20 + length..]);
+    let all = u32::try_from(out.len()).unwrap().to_le_bytes();
+    out[8..12].copy_from_slice(&all);
+    out
+}
+
+/// Doubled lights give doubled texels and threads make no difference, to the bit.
+#[test]
+fn trees_are_exact() {
+    let scene = lamps(300, 2400);
+    let args = ["--texels-per-metre", "0.5", "--samples", "8"];
+    let (a, b) = (
+        tool::baked(&scene, &[&args[..], &["--threads", "1"]].concat()),
+        tool::baked(&scene, &[&args[..], &["--threads", "3"]].concat()),
+    );
+    assert_eq!(a.files["lightmap-0.exr"], b.files["lightmap-0.exr"]);
+    let lux = |baked: &suite::baked::Baked| {
+        let page = &baked.pages[0];
+        let all = (0..page.height).flat_map(|y| (0..page.width).map(move |x| page.rgb("", x, y)));
+        all.collect::<Vec<_>>()
+    };
+    let twice = tool::baked(&doubled(&scene), &args);
+    assert!(lux(&a).iter().zip(lux(&twice)).all(|(one, two)| *one * 2.0 == two));
+}
+
+/// The hall with 5,000 lamps and 50,000 emissive triangles, in equal time at least ten times the efficiency of choosing by intensity.
+#[test]
+fn a_hall_of_lamps() {
+    if !suite::slow() {
+        println!("skipped: a_hall_of_lamps: RUN_SLOW_TESTS is not 1");
+        return;
+    }
+    let scene = lamps(5000, 50_000);
+    let folder = tempfile::tempdir().unwrap();
+    let path = write(&folder, "lamps.glb", &scene);
+    let efficiency = |direct: &str| {
+        let bake = |seed: &str| {
+            let args = ["run", &path, "-o", seed, "--texels-per-metre", "2", "--samples", "64", "--direct"];
+            let _ = tool::bake(&[&args[..], &[direct, "--seed", seed]].concat(), folder.path()).expect(0);
+            let out = folder.path().join(seed);
+            let page = Page::read(&out.join("lightmap-0.exr")).unwrap();
+            let timings: Value =
+                serde_json::from_slice(&fs::read(out.join("timings.json")).unwrap()).unwrap();
+            fs::remove_dir_all(out).unwrap();
+            let texels = (0..page.height).flat_map(|y| (0..page.width).map(move |x| (x, y)));
+            let covered = texels.filter(|&(x, y)| page.get("A", x, y).is_some_and(|a| 0.5 < a));
+            let light: Vec<f64> = covered.map(|(x, y)| f64::from(page.rgb("", x, y).element_sum())).collect();
+            (light, timings["cpu_seconds"].as_f64().unwrap())
+        };
+        let ((p, seconds), (q, _)) = (bake("1"), bake("2"));
+        let mean = p.iter().sum::<f64>() / p.len() as f64;
+        let square = p.iter().zip(&q).map(|(p, q)| (p - q).powi(2)).sum::<f64>() / p.len() as f64;
+        let error = (0.5 * square).sqrt() / mean;
+        println!("{direct}: {:.2} % in {seconds:.1} s", 100.0 * error);
+        1.0 / (error * error * seconds)
+    };
+    let ratio = efficiency("lightcuts") / efficiency("intensity");
+    println!("{ratio:.1} times");
+    assert!(10.0 < ratio, "{ratio}");
+}
