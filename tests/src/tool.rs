@@ -54,7 +54,7 @@ fn profile_dir() -> PathBuf {
 }
 
 /// Path of a tool of this workspace, built with this test's profile: a test of one package does not build the others'.
-fn binary(package: &str) -> PathBuf {
+fn binary(package: &str, features: &[&str]) -> PathBuf {
     let profile_dir = profile_dir();
     let profile = match profile_dir.file_name().and_then(OsStr::to_str) {
         Some("debug") | None => "dev",
@@ -75,6 +75,7 @@ fn binary(package: &str) -> PathBuf {
             "--target-dir",
         ])
         .arg(target)
+        .args(features)
         .current_dir(crate::root())
         .output()
         .expect("cargo can be started");
@@ -82,18 +83,18 @@ fn binary(package: &str) -> PathBuf {
     profile_dir.join(format!("{package}{}", env::consts::EXE_SUFFIX))
 }
 
-/// Path of `bake`, built on the first call.
+/// Path of `bake`, built on the first call, with other ways to choose lights to compare with: those that the library has in tests.
 #[must_use]
 pub fn bake_path() -> &'static Path {
     static PATH: OnceLock<PathBuf> = OnceLock::new();
-    PATH.get_or_init(|| binary("bake"))
+    PATH.get_or_init(|| binary("bake", &["--features", "comparison"]))
 }
 
 /// Path of `runtime-sample`, built on the first call.
 #[must_use]
 pub fn runtime_sample_path() -> &'static Path {
     static PATH: OnceLock<PathBuf> = OnceLock::new();
-    PATH.get_or_init(|| binary("runtime-sample"))
+    PATH.get_or_init(|| binary("runtime-sample", &[]))
 }
 
 /// A command on its way.

@@ -29,7 +29,8 @@ impl SphericalTriangle {
         let angle = |n: DVec3, m: DVec3| n.cross(m).length().atan2(n.dot(m));
         let (alpha, beta, gamma) = (angle(ab, -ca), angle(bc, -ab), angle(ca, -bc));
         let solid_angle = alpha + beta + gamma - PI;
-        (Self::LEAST <= solid_angle && solid_angle < 2.0 * PI).then_some(Self { corners, alpha, solid_angle })
+        let known = (Self::LEAST..2.0 * PI).contains(&solid_angle);
+        known.then_some(Self { corners, alpha, solid_angle })
     }
 
     /// Steradian.

@@ -30,6 +30,8 @@ pub struct Node {
     pub patches: f32,
     /// Sum of intensity times normal over these.
     pub facing: Vec3A,
+    /// Sum of intensity times diagonal of its lights, candela metres.
+    pub sizes: f32,
     /// Bounds of directions.
     pub cone: Cone,
     /// Lights below.
@@ -61,6 +63,7 @@ impl Node {
             intensity: light.intensity,
             patches,
             facing,
+            sizes: light.intensity * (light.max - light.min).length(),
             cone: Cone::of(light.shine),
             lights: 1,
             second: 0,
@@ -77,6 +80,7 @@ impl Node {
             intensity: a.intensity + b.intensity,
             patches: a.patches + b.patches,
             facing: a.facing + b.facing,
+            sizes: a.sizes + b.sizes,
             cone: a.cone.union(b.cone),
             lights: a.lights + b.lights,
             second,
@@ -182,7 +186,7 @@ fn split(items: &mut [Item], depth: u32) -> usize {
     let extent = max - min;
     // Equal places, or so near to each other that bins cannot tell them apart.
     let scale = Vec3A::splat(BINS as f32) / extent;
-    if DEPTH <= depth || !(0.0 < extent.max_element()) || !scale.min_element().is_finite() {
+    if DEPTH <= depth || extent.max_element() <= 0.0 || !scale.min_element().is_finite() {
         items.select_nth_unstable_by(half, |a, b| {
             let axis = longest(extent);
             a.centre[axis].total_cmp(&b.centre[axis]).then(a.index.cmp(&b.index))

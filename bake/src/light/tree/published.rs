@@ -146,7 +146,7 @@ pub fn cut(
         return 0;
     }
     let bound = lights.bound(at, 0);
-    if !(0.0 < bound) || until.samples == 0 {
+    if bound.is_nan() || bound <= 0.0 || until.samples == 0 {
         return 0;
     }
     let found = lights.choose(at, 0, numbers());

@@ -114,7 +114,7 @@ impl LightTree {
                         && !cut.open.is_full()
                     {
                         cut.open[next].child[lane] = cut.open.len() as u8;
-                        nearness.push(cut.push(children[lane].node() as u32, Some(next as u8), lane as u8));
+                        nearness.push(cut.push(children[lane].node(), Some(next as u8), lane as u8));
                     }
                 }
                 next += 1;
@@ -176,7 +176,7 @@ impl<const N: usize> Cut<'_, N> {
                 return Some(Pick { light, chance, alone: chance });
             }
             open = self.open_child(open, lane);
-            node = child.node() as u32;
+            node = child.node();
         }
     }
 
@@ -243,7 +243,7 @@ impl<const N: usize> Cut<'_, N> {
             left -= certain as f32;
             total = sum_up(&mut open, &mut roots);
         }
-        if !(0.0 < total) {
+        if total.is_nan() || total <= 0.0 {
             return;
         }
         // What is too little to be seen in the sum has its chance all the same.
@@ -320,10 +320,7 @@ impl<V: FnMut(Pick), const N: usize> Walk<'_, V, N> {
         let each = (to - from) / f64::from(total);
         let last = (0..LANES).rev().find(|&k| 0.0 < weights[k]);
         let (mut start, mut before, mut hit) = (from, self.below(from), 0);
-        for (lane, &w) in weights.iter().enumerate() {
-            if !(0.0 < w) {
-                continue;
-            }
+        for (lane, &w) in weights.iter().enumerate().filter(|w| 0.0 < *w.1) {
             let end = if Some(lane) == last { to } else { (start + f64::from(w) * each).min(to) };
             let upto = self.below(end);
             if before < upto {
@@ -353,7 +350,7 @@ impl<V: FnMut(Pick), const N: usize> Walk<'_, V, N> {
                 };
             let child = self.cut.tree.nodes[node as usize].child[lane];
             let Some(light) = child.light() else {
-                self.descend(child.node() as u32, self.cut.open_child(open, lane), (from, to), alone);
+                self.descend(child.node(), self.cut.open_child(open, lane), (from, to), alone);
                 continue;
             };
             #[expect(clippy::cast_possible_truncation, reason = "at most 1")]

@@ -1,7 +1,7 @@
 use super::*;
 use crate::sample::sequence::{key, mix64};
 use build::BinaryTree;
-use published::{Choose, Lightcuts, Rule, Until};
+use published::{Lightcuts, Rule, Until};
 
 /// Numbers in [0, 1).
 struct Numbers(u64);
@@ -13,7 +13,7 @@ impl Numbers {
     }
 
     fn single(&mut self) -> f32 {
-        (self.next() * 16_777_216.0).floor() as f32 / 16_777_216.0
+        (mix64(self.next().to_bits()) >> 40) as f32 / 16_777_216.0
     }
 
     fn place(&mut self, size: f32) -> Vec3A {
@@ -238,6 +238,7 @@ fn biased_ways_are_found_out() {
     let even = even_lights();
     let right_even = Lightcuts::new(&even);
     // Every other light is in shadow.
+    #[expect(clippy::cast_possible_truncation, reason = "stored in f32")]
     let value = |k: u32, at: &Receiver| {
         let l = &even[k as usize];
         if k.is_multiple_of(2) { 0.0 } else { brings(l, l.centre(), at) as f32 }

@@ -14,9 +14,12 @@ const LIGHT: u32 = 1 << 31;
 /// One number for each child.
 type Lanes = [f32; LANES];
 
-/// The nearest light of a node is no nearer than the nearest point of its box, and inside of it about as near as this part of the squared half
-/// sides: the shorter two, and the longest, because lights are few along a line and many in a volume. In a cube that gives the mean of the inverse square over a ball of the
-/// same volume.
+/// Mean of the inverse squared distance to lights in a box is about that to its middle, with this part of its squared half diagonal
+/// added to the square: as in a ball, 3 / radius^2 in the middle, 1 / distance^2 from afar.
+const SOFT: f32 = 1.0 / 6.0;
+
+/// A light with a size, such as half of a neon tube, is no nearer than the nearest point of its box, and inside of it about as near as these parts of the squared half
+/// sides: the shorter two, and the longest, along which its places are few.
 const INSIDE: [f32; 2] = [0.044, 1e-4];
 
 /// A weight is no smaller than this part of what a light would bring that shines straight at the place: where the cosines of the middle say that nothing
@@ -36,8 +39,12 @@ pub(super) struct Wide {
     half: [Lanes; 3],
     /// Half their diagonals, metres.
     radius: Lanes,
-    /// Squares of how near the nearest light is to a place inside, square metres.
-    inside2: Lanes,
+    /// Added to the squares of the distances of the nearest and of the farthest place, square metres.
+    near2: Lanes,
+    far2: Lanes,
+    /// How large lights are beside their box: 1 for a light, the distance of which is that of its box, 0 for points far apart, the distance of
+    /// which is that of their middle.
+    solid: Lanes,
     /// Axes of the cones of normals.
     axis: [Lanes; 3],
     /// Cosines of the angles from them beyond which nothing shines, a little less; -2 where everything may.
@@ -69,8 +76,8 @@ impl Child {
     }
 
     /// The node that it is, if it is no light.
-    pub(super) fn node(self) -> usize {
-        self.0 as usize
+    pub(super) fn node(self) -> u32 {
+        self.0
     }
 }
 
@@ -255,7 +262,9 @@ impl Wide {
         middle: [[0.0; LANES]; 3],
         half: [[0.0; LANES]; 3],
         radius: [0.0; LANES],
-        inside2: [0.0; LANES],
+        near2: [0.0; LANES],
+        far2: [0.0; LANES],
+        solid: [0.0; LANES],
         axis: [[0.0; LANES]; 3],
         shine: [-2.0; LANES],
         facing: [[0.0; LANES]; 3],
@@ -280,8 +289,14 @@ impl Wide {
             self.facing[axis][lane] = facing[axis];
         }
         self.radius[lane] = half.length();
-        let longest2 = half.max_element() * half.max_element();
-        self.inside2[lane] = INSIDE[0] * (half.length_squared() - longest2).max(0.0) + INSIDE[1] * longest2;
+        let (r2, longest2) = (half.length_squared(), half.max_element() * half.max_element());
+        let diagonal = n.size2().sqrt();
+        let solid = if diagonal <= 0.0 { 1.0 } else { (n.sizes / (n.intensity * diagonal)).min(1.0) };
+        let solid = if solid.is_finite() { solid } else { 0.0 };
+        let near2 = INSIDE[0] * (r2 - longest2).max(0.0) + INSIDE[1] * longest2;
+        self.solid[lane] = solid;
+        self.near2[lane] = solid * near2 + (1.0 - solid) * SOFT * r2;
+        self.far2[lane] = solid * r2 + (1.0 - solid) * SOFT * r2;
         self.spread[lane] = 0.25 * (1.0 - facing.length()).max(0.0);
         self.directed |= beyond < PI;
         self.shine[lane] = if beyond < PI { beyond.cos() - ROUNDING } else { -2.0 };
@@ -328,18 +343,18 @@ impl Wide {
             z[k] = self.middle[2][k] - p.z;
             d2[k] = x[k] * x[k] + y[k] * y[k] + z[k] * z[k];
             let r2 = self.radius[k] * self.radius[k];
-            let ex = greater(x[k].abs() - self.half[0][k], 0.0);
-            let ey = greater(y[k].abs() - self.half[1][k], 0.0);
-            let ez = greater(z[k].abs() - self.half[2][k], 0.0);
-            // Between the nearest and the farthest, where distances were uniform, the mean of the inverse square is that of their product.
-            near[k] = (ex * ex + ey * ey + ez * ez + self.inside2[k]).sqrt();
-            let far = (d2[k] + r2).sqrt();
+            let ex = greater(x[k].abs() - self.solid[k] * self.half[0][k], 0.0);
+            let ey = greater(y[k].abs() - self.solid[k] * self.half[1][k], 0.0);
+            let ez = greater(z[k].abs() - self.solid[k] * self.half[2][k], 0.0);
+            // Where distances between the nearest and the farthest place are uniform, as along a tube, the mean of the inverse square is that of their product.
+            near[k] = (ex * ex + ey * ey + ez * ez + self.near2[k]).sqrt();
+            let far = (d2[k] + self.far2[k]).sqrt();
             weight[k] = if LINEAR { 1.0 / far } else { 1.0 / (near[k] * far) };
             nearness[k] = r2 / d2[k];
         }
         for k in 0..LANES {
             let facing = -(self.facing[0][k] * x[k] + self.facing[1][k] * y[k] + self.facing[2][k] * z[k]);
-            // Seen by the nearest ones, which matter most.
+            // As the nearest place sees it, which matters most.
             let patch = less(greater(facing, 0.0) / near[k], 1.0) + self.spread[k];
             weight[k] *= self.flat[k] + self.patches[k] * greater(patch, LEAST);
         }
