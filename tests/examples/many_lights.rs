@@ -264,6 +264,7 @@ fn draw(
 ) -> Result<(), Box<dyn Error>> {
     let mut chart = ChartBuilder::on(place)
         .margin(16)
+        .margin_right(44)
         .caption(title, ("sans-serif", 26))
         .x_label_area_size(48)
         .y_label_area_size(78)

@@ -322,7 +322,7 @@ pub(crate) enum MediaArg {
 pub(crate) enum DirectArg {
     /// Few are weighed one by one, many are in a tree
     Auto,
-    /// A ray to each of them from everywhere
+    /// A ray to each of them from every surface; in media one is chosen
     All,
     /// One at a time is chosen from a tree
     Lightcuts,

@@ -23,7 +23,7 @@ pub enum Direct {
     /// Few lights are weighed one by one, many are in a tree.
     #[default]
     Auto,
-    /// A ray to each light from everywhere.
+    /// A ray to each light from every surface; in media one is chosen.
     All,
     /// All are in a tree.
     Lightcuts,
@@ -237,6 +237,12 @@ impl ManyLights {
             #[cfg(feature = "comparison")]
             How::Splitting(both, first) => both[1].probability(at, number - first),
         }
+    }
+
+    /// Whether it knows what falls with the distance: the published ways do not, and would leave out what shines past a place.
+    #[must_use]
+    pub fn knows_media(&self) -> bool {
+        matches!(self.how, How::Tree(_))
     }
 
     /// The way to the nearest lamp or emissive triangle that counts as one in media, metres; `None` where trees do not know.

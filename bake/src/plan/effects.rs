@@ -47,7 +47,7 @@ pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> 
             !lights.punctual.is_empty(),
             count(lights.punctual.len(), "light")
                 + match (lights.punctual.len(), lights.lamps_by) {
-                    (_, Selection::All) => ", a ray to each from everywhere",
+                    (_, Selection::All) => ", a ray to each from every surface",
                     (0..=EVERY_LAMP, Selection::Weighed) => {
                         ": few, all sampled at every texel, one where paths turn"
                     }
@@ -61,7 +61,7 @@ pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> 
             0 < emitters,
             count(emitters, "emissive triangle")
                 + match lights.emitters_by {
-                    Selection::All => ", a ray to each from everywhere; found by chance as well",
+                    Selection::All => ", a ray to each from every surface; found by chance as well",
                     Selection::Weighed => ": few, each weighed, one chosen; found by chance as well",
                     Selection::Tree => from_tree,
                 },

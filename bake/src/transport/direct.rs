@@ -5,7 +5,7 @@
 //! unit of length.
 
 use crate::geom::ray::offset_distance;
-use crate::geom::world::luminance;
+use crate::geom::world::{SurfacePoint, luminance};
 use crate::geom::{Hit, Ray};
 use crate::light::Selection;
 use crate::light::beams::Source;
@@ -80,9 +80,9 @@ struct Asked<'a> {
 /// Numbers that make the choice among many lights finer.
 pub(crate) const FINE: u32 = 8;
 
-/// A number of 24 bits with 24 more: in a tree of a million lights the first ones are used up on the way down.
+/// The first 23 bits of a number, which is all that Sobol points have, with 24 more: in a tree of a million lights the first ones are used up on the way down.
 pub(crate) fn finer(u: f32, more: f32) -> f64 {
-    f64::from(u) + f64::from(more) / 16_777_216.0
+    (f64::from((u * 8_388_608.0).floor()) + f64::from(more)) / 8_388_608.0
 }
 
 impl Kernel<'_> {
@@ -245,7 +245,10 @@ impl Kernel<'_> {
     pub(crate) fn emitter_receiver(&self, vertex: &Vertex) -> Receiver {
         let below = match self.responses {
             None => 0.0,
-            Some(_) if vertex.detached => f32::NEG_INFINITY,
+            // Where the two planes differ what is below one of them may light the medium over the other.
+            Some(_) if vertex.detached || vertex.shading_normal != vertex.geometric_normal => {
+                f32::NEG_INFINITY
+            }
             Some(_) => vertex.below(),
         };
         Receiver { position: vertex.position, normal: vertex.shading_normal, below }
@@ -287,12 +290,18 @@ impl Kernel<'_> {
             return Vec3::ZERO;
         }
         let at = self.world.point(s.triangle, s.bary);
-        let to = s.distance - 2.0 * at.offset;
         let cos = cos.max(0.0);
         let by_cosine = cos_hemisphere_pdf(cos);
         let Some(responses) = responses else {
             let weight = 1.0 / (s.pdf_solid_angle + by_cosine);
-            return emission * self.transmittance(vertex, s.wi, to, rays) * (cos * FRAC_1_PI * weight);
+            let left = self.unblocked_from(&at, s.wi, vertex, rays);
+            let left = match self.media {
+                Some(media) if left != Vec3::ZERO => {
+                    left * media.transmittance(vertex.position, s.wi, (s.distance - 2.0 * at.offset).max(0.0))
+                }
+                _ => left,
+            };
+            return emission * left * (cos * FRAC_1_PI * weight);
         };
         let facing = -s.wi.dot(at.geometric_normal);
         let both = self.world.material(self.scene, s.triangle).double_sided;
@@ -300,7 +309,7 @@ impl Kernel<'_> {
         if !both && facing * s.distance < vertex.below() {
             return Vec3::ZERO;
         }
-        let left = self.unblocked(vertex, s.wi, to, rays);
+        let left = self.unblocked_from(&at, s.wi, vertex, rays);
         if left == Vec3::ZERO {
             return left;
         }
@@ -370,19 +379,28 @@ impl Kernel<'_> {
 
     /// What surfaces leave of light along a segment.
     pub(crate) fn unblocked(&self, from: &Vertex, wi: Vec3A, t_max: f32, rays: &mut u32) -> Rgb {
-        let mut ray: Ray = from.ray(wi, t_max);
-        if t_max.is_finite() {
-            // Rays start off the plane, and end where they would have ended: a thin tube's own far side must not hide what it shows.
-            let way = from.position + wi * t_max - ray.origin;
-            ray.t_max = way.length();
-            ray.direction = way / ray.t_max;
-        }
-        if !(0.0 < ray.t_max && 0.0 < t_max) {
+        // Rays start off the plane, so they are shorter by up to as much.
+        let t_max = t_max - from.offset;
+        self.unblocked_along(&from.ray(wi, t_max), rays)
+    }
+
+    /// What surfaces leave of light from a point on a surface that is seen in the direction `wi`.
+    fn unblocked_from(&self, at: &SurfacePoint, wi: Vec3A, to: &Vertex, rays: &mut u32) -> Rgb {
+        let lit = if wi.dot(at.geometric_normal) <= 0.0 { at.geometric_normal } else { -at.geometric_normal };
+        let origin = to.ray(wi, f32::INFINITY).origin;
+        // Off both surfaces: were it only off one, a thin tube's near side would hide a part of what it shows.
+        let way = at.position + lit * at.offset - origin;
+        let t_max = way.length();
+        self.unblocked_along(&Ray { origin, direction: way / t_max, t_max }, rays)
+    }
+
+    fn unblocked_along(&self, ray: &Ray, rays: &mut u32) -> Rgb {
+        if ray.t_max.is_nan() || ray.t_max <= 0.0 {
             return Vec3::ONE;
         }
         *rays += 1;
         let mut left = Vec3::ONE;
-        let blocked = self.bvh.occluded(&ray, |hit| {
+        let blocked = self.bvh.occluded(ray, |hit| {
             left *= self.world.pass(self.scene, hit.triangle, hit.bary);
             left == Vec3::ZERO
         });

@@ -136,7 +136,7 @@ impl Kernel<'_> {
         let l = self.lights;
         let lamps = l.punctual.is_empty() || l.lamps_by == Selection::Tree;
         let groups = l.emitters.groups().is_empty() || l.emitters_by == Selection::Tree;
-        l.many.as_ref().filter(|_| lamps && groups)
+        l.many.as_ref().filter(|many| lamps && groups && many.knows_media())
     }
 
     /// By a ray from the receiver whose angle from the lamp is uniform.
@@ -370,6 +370,7 @@ impl Kernel<'_> {
         if let Some(many) = l.many_lamps() {
             let chosen = many.one(&place, Among::BakedLamps, FallOff::Square, finer(c, fine[0]));
             if let Some((Chosen::Lamp(i), chance)) = chosen
+                && !l.punctual[i].indirect_only
                 && let Some(light) = l.punctual[i].incident(p)
             {
                 see(&light, reach(p, light.wi * light.distance), 1.0 / chance, rays);
@@ -392,7 +393,9 @@ impl Kernel<'_> {
         }
         if let Some(many) = l.many_emitters() {
             let chosen = many.one(&place, Among::EmittersInMedia, FallOff::Square, finer(d, fine[1]));
-            if let Some((Chosen::Emitter(k), chance)) = chosen {
+            if let Some((Chosen::Emitter(k), chance)) = chosen
+                && l.emitters.group_of(k).is_some()
+            {
                 let [w, ..] = sequence.next4();
                 let at = l.emitters.point_on(k, 1.0, [f, w]);
                 if let Some((light, reach)) = self.patch_at(&at, p) {

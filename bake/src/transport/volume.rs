@@ -165,7 +165,7 @@ impl Kernel<'_> {
         let [a, b, _, _] = sequence.next4();
         let (ask, weight) = if lamps.len() <= ALL_LAMPS {
             (0..lamps.len(), 1.0)
-        } else if let Some(many) = self.lights.many_lamps() {
+        } else if let Some(many) = self.lights.many_lamps().filter(|m| m.knows_media()) {
             let [fine, ..] = sequence.coins(FINE);
             let at = Receiver::in_air(air.origin);
             let chosen = many.one(&at, Among::Lamps, FallOff::Linear, finer(b, fine));

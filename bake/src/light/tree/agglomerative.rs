@@ -43,9 +43,12 @@ pub fn build(lights: &[TreeLight]) -> BinaryTree {
         let nearest: Vec<usize> = (0..n)
             .into_par_iter()
             .map(|i| {
-                let a = &made[clusters[i] as usize];
                 let near = i.saturating_sub(REACH)..(i + REACH + 1).min(n);
-                let unlike = |j: &usize| unlike(a, &made[clusters[*j] as usize], c2);
+                // In one order, so that rounding is the same from both ends.
+                let unlike = |j: &usize| {
+                    let [first, second] = [i.min(*j), i.max(*j)].map(|k| &made[clusters[k] as usize]);
+                    unlike(first, second, c2)
+                };
                 // Equal ones are decided by place, alike from both ends, and so that coincident lights pair off.
                 let of = |j: &usize| (i ^ *j, i.min(*j));
                 near.filter(|j| *j != i)

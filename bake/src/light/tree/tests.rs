@@ -93,6 +93,11 @@ fn what_contributes_has_a_chance() {
             for (k, l) in lights.iter().enumerate() {
                 let corners = [l.centre(), l.min, l.max];
                 let most = corners.iter().map(|c| brings(l, *c, &at)).fold(0.0, f64::max);
+                // Scattered on the way, everything that shines may arrive.
+                let linear: Cut<'_, FEW> =
+                    tree.cut(Receiver::in_air(at.position), 3, FallOff::Linear, Effort::ONE);
+                let number = u32::try_from(k).expect("few");
+                assert!(n > 300 || !l.shines() || 0.0 < linear.probability(number), "{n} {k} {l:?} {at:?}");
                 if 1e-5 * f64::from(l.intensity) < most {
                     let k = u32::try_from(k).expect("few");
                     assert!(0.0 < cut.probability(k), "{n} {k} {l:?} {at:?}");

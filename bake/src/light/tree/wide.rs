@@ -307,7 +307,7 @@ impl Wide {
     /// What the children may bring to a place.
     ///
     /// The mean over a child's box of `I cos cos / d^2`, roughly, and exactly 0 only where no light in it can reach the place: where all
-    /// of the box is below the receiver's plane or the place is outside of the cone of directions in which its lights shine.
+    /// of the box is below the receiver's plane or, for what comes straight, the place is outside of the cone of directions in which its lights shine.
     #[inline(always)]
     fn weigh(&self, at: &Receiver, fall_off: FallOff) -> Weights {
         if at.normal == Vec3A::ZERO {
@@ -356,7 +356,9 @@ impl Wide {
             let facing = -(self.facing[0][k] * x[k] + self.facing[1][k] * y[k] + self.facing[2][k] * z[k]);
             // As the nearest place sees it, which matters most.
             let patch = less(greater(facing, 0.0) / near[k], 1.0) + self.spread[k];
-            weight[k] *= self.flat[k] + self.patches[k] * greater(patch, LEAST);
+            // What is scattered on the way may have left in any direction.
+            let patch = if LINEAR { 0.25 } else { greater(patch, LEAST) };
+            weight[k] *= self.flat[k] + self.patches[k] * patch;
         }
         if SURFACE {
             for k in 0..LANES {
@@ -371,7 +373,7 @@ impl Wide {
                 weight[k] = if alive { w } else { 0.0 };
             }
         }
-        if self.directed {
+        if self.directed && !LINEAR {
             for k in 0..LANES {
                 let inverse = 1.0 / d2[k].sqrt();
                 // Cosine at the lights between their axis and the way to the place.
