@@ -3,7 +3,7 @@
 //! The room is 2 x 2 x 2 m. The lamp hangs over the divider, so below it nearly all light comes from the few virtual lights
 //! that the gaps at its sides let see. What is drawn is `E / pi` on all walls that a camera in one of them sees, with one estimate a
 //! pixel. The paper gives neither sizes nor how virtual lights are kept from growing without bound next to a wall; here they grow
-//! no more from [`NEAREST`] on.
+//! no more from `NEAREST` on.
 
 use crate::gltf::{Glb, Material, Node};
 use crate::shape::{ALL, Shape};

@@ -90,7 +90,7 @@ pub struct Kernel<'a> {
     pub grid: Option<&'a LightGrid>,
     /// Whether paths scatter in it.
     pub scatters: bool,
-    /// Whether many emissive triangles are asked where [`Kernel::small`] asks lamps, and not by [`Kernel::arriving`].
+    /// Whether many emissive triangles are asked where texels ask lamps, and not by their paths.
     pub emitters_apart: bool,
 }
 

@@ -2,7 +2,7 @@
 //!
 //! A node is split where intensity times squared size of the two parts is least: that is what the error of a weight that
 //! stands for all of a node grows with. Parts whose lights face different ways count as larger. Candidates are the borders of
-//! [`BINS`] bins along each axis (\[Wal07\] Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies", 2007), so building takes
+//! `BINS` bins along each axis (\[Wal07\] Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies", 2007), so building takes
 //! O(n log n). Nothing depends on the number of threads.
 
 use super::{Cone, Shine, TreeLight};
