@@ -25,10 +25,10 @@ use std::time::Instant;
 pub const LIGHTS: usize = 10_000;
 
 /// Distance within which a virtual light does not get brighter, metres.
-const NEAREST: f32 = 0.6;
+const NEAREST: f32 = 1.0;
 
 /// Light is reflected by so much.
-const ALBEDO: f32 = 0.6;
+const ALBEDO: f32 = 0.7;
 
 /// Where the lamp is, metres.
 const LAMP: Vec3A = Vec3A::new(0.0, 0.5, 0.0);
