@@ -62,6 +62,10 @@ fn plans_say_how_lights_are_chosen() {
         assert!(why("point and spot lights").contains(lamp), "{effects:?}");
         assert!(why("emissive surfaces").contains(emitter), "{effects:?}");
     }
+    let config = write(&folder, "bake.toml", b"[run]\ndirect = \"published\"\n");
+    let scene = write(&folder, "lamps.glb", &lamps(40, 240));
+    let effects = plan(&scene, &["--config", &config], &folder);
+    assert!(effects.iter().any(|e| e.1.contains("to compare with")), "{effects:?}");
     let scene = write(&folder, "lamps.glb", &lamps(2, 0));
     let out = tool::bake(&["run", &scene, "--direct", "grid"], folder.path()).expect(2);
     assert!(out.stderr.contains("reserved") && out.stderr.contains("lightcuts"), "{}", out.stderr);

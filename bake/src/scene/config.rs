@@ -351,7 +351,7 @@ impl RunConfig {
         let unwrap = word("unwrap", &["keep", "auto", "always"]);
         // The other words of `--media` come with the media themselves.
         let media = word("media", &["off"]);
-        let direct = word("direct", &["auto", "all", "lightcuts", "grid"]);
+        let direct = word("direct", &["auto", "all", "lightcuts", "grid", "published"]);
         let denoise = word("denoise", &["off", "draft", "final"]);
         let light_units = word("light_units", &["gltf", "blender-raw", "blender-unitless"]);
         let progress = word("progress", &["auto", "plain", "json", "none"]);

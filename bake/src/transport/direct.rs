@@ -1,7 +1,7 @@
 //! Next-event estimation: light straight from the lights at one vertex.
 //!
 //! Lights fall in strata that are each sampled once: punctual lights, suns, emissive triangles and
-//! the sky. Candela and lux never meet in one distribution, so probabilities do not depend on the
+//! the sky; of many lamps and triangles texels ask a few at once. Candela and lux never meet in one distribution, so probabilities do not depend on the
 //! unit of length.
 
 use crate::geom::ray::offset_distance;
@@ -63,8 +63,8 @@ enum Share {
 /// Fraction of the golden ratio: what several lights that share numbers shift them by.
 const GOLDEN: f32 = 0.618_034;
 
-/// How many of many lights texels ask at once. Measured on a hall with 5,000 lamps and 50,000 emissive triangles, noise in equal time against one: 2 as much, 4 less by a
-/// tenth to a sixth, 8 as 4.
+/// How many of many lights texels ask at once. Measured on a hall with 5,000 lamps and 50,000 emissive triangles, direct light alone, noise in equal time against one: 2 gave 2 % more,
+/// 4 gave 4 % less, 8 gave 5 % more; without the worst hundredth of the texels 6, 17 and 15 % less.
 const SEVERAL: usize = 4;
 
 /// Who asks lamps.
