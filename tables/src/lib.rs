@@ -29,5 +29,6 @@ pub mod cli;
 pub mod format;
 pub mod harmonics;
 pub mod num;
+pub mod probes;
 pub mod response;
 pub mod table;

@@ -30,13 +30,24 @@ static RECURRENCE: LazyLock<[[[f64; 2]; BANDS]; BANDS]> = LazyLock::new(|| {
 /// l, normalised all along (\[Slo13\] Sloan, "Efficient Spherical Harmonic Evaluation", JCGT 2(2)): nothing is divided by the sine, so
 /// poles are places like any other.
 #[must_use]
-pub fn basis<T: Real>([x, y, z]: [T; 3]) -> [T; COEFFICIENTS] {
-    let mut out = [T::default(); COEFFICIENTS];
+pub fn basis<T: Real>(direction: [T; 3]) -> [T; COEFFICIENTS] {
+    first(direction)
+}
+
+/// The first `N` of them, those of whole bands: 1, 4, 9, 16 and so on, up to [`COEFFICIENTS`].
+#[must_use]
+pub fn first<T: Real, const N: usize>([x, y, z]: [T; 3]) -> [T; N] {
+    let bands = const {
+        let bands = N.isqrt();
+        assert!(bands * bands == N && 0 < N && N <= COEFFICIENTS, "whole bands");
+        bands
+    };
+    let mut out = [T::default(); N];
     let recurrence = &*RECURRENCE;
     let (mut c, mut s) = (T::of(1.0), T::default());
     // Normalised P_m^m without its sine.
     let mut diagonal = norm(0);
-    for m in 0..BANDS {
+    for m in 0..bands {
         if 0 < m {
             let k = m as f64;
             diagonal *= ((2.0 * k + 1.0) / (2.0 * k)).sqrt();
@@ -44,7 +55,7 @@ pub fn basis<T: Real>([x, y, z]: [T; 3]) -> [T; COEFFICIENTS] {
         }
         let factor = if m == 0 { 1.0 } else { SQRT_2 };
         let (mut before, mut p) = (T::default(), T::of(diagonal));
-        for l in m..BANDS {
+        for l in m..bands {
             let base = l * (l + 1);
             out[base + m] = T::of(factor) * p * c;
             if 0 < m {
@@ -125,6 +136,16 @@ mod tests {
         ];
         for (i, w) in want.into_iter().enumerate() {
             assert!((b[i] - w).abs() < 1e-14, "{i}: {} {w}", b[i]);
+        }
+    }
+
+    #[test]
+    fn fewer_bands_are_the_first_of_all() {
+        for d in DIRECTIONS {
+            let all = basis(d);
+            assert_eq!(first::<f64, 16>(d)[..], all[..16]);
+            assert_eq!(first::<f64, 9>(d)[..], all[..9]);
+            assert_eq!(first::<f64, 1>(d)[..], all[..1]);
         }
     }
 
