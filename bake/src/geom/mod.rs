@@ -6,6 +6,7 @@ pub mod cells;
 pub mod ray;
 pub mod shade;
 pub mod texel;
+pub mod voxels;
 pub mod world;
 
 pub use bvh::Bvh;

@@ -14,7 +14,7 @@ use crate::sample::warp::{Frame, square_to_cos_hemisphere};
 use crate::sample::{Sequence, sequence};
 use crate::scene::model::Rgb;
 use crate::solve::Monitor;
-use crate::transport::cache::{IrradianceCache, Record};
+use crate::transport::cache::{ABOVE, IrradianceCache, Record};
 use crate::transport::encounter::Onward;
 use crate::transport::{Kernel, Vertex};
 use glam::{DVec3, Vec3, Vec3A};
@@ -38,6 +38,8 @@ struct Point {
     front: bool,
     /// The first point of the same cell that sees this one, directly or by way of others.
     group: u8,
+    /// Whether surfaces part the cell.
+    parted: bool,
 }
 
 /// Places of a cache that is not filled yet.
@@ -99,7 +101,7 @@ impl Cells {
             .iter()
             .map(|p| Record { position: vertex(kernel, p).position.into(), value: Vec3::ZERO });
         #[expect(clippy::cast_possible_truncation, reason = "a few points")]
-        let sizes = cells.iter().map(|c| (c[0].cell, c.len() as u32));
+        let sizes = cells.iter().map(|c| (c[0].cell, c.len() as u32, c[0].parted));
         let mut cache = IrradianceCache::new(self.side, sizes, records.collect());
         for (pass, part) in PASSES.iter().enumerate() {
             let n = self.pass(*part);
@@ -150,9 +152,6 @@ fn points(kernel: &Kernel<'_>, receivers: &[Vertex], cell: f32, rays: u64, seed:
     points
 }
 
-/// Points of a cell are looked at from this part of its side above them, so that bumps do not part them.
-const ABOVE: f32 = 0.25;
-
 /// Finds which points of a cell see one another.
 fn group(kernel: &Kernel<'_>, points: &mut [Point], cell: f32) {
     let above: Vec<Vec3A> = points
@@ -174,7 +173,19 @@ fn group(kernel: &Kernel<'_>, points: &mut [Point], cell: f32) {
             points[..=k].iter_mut().filter(|p| p.group == drop).for_each(|p| p.group = keep);
         }
     }
+    // Other parts of the cell may hold none of its points.
+    let parted = points.iter().any(|p| p.group != points[0].group)
+        || points.iter().zip(&above).any(|(p, from)| {
+            let frame = Frame::new(vertex(kernel, p).geometric_normal);
+            [frame.x, -frame.x, frame.y, -frame.y]
+                .into_iter()
+                .any(|d| kernel.blocked(&Ray { origin: *from, direction: d, t_max: DIAGONAL * cell }))
+        });
+    points.iter_mut().for_each(|p| p.parted = parted);
 }
+
+/// No two places of a cell are further apart, sides.
+const DIAGONAL: f32 = 1.732_050_8;
 
 /// Where one ray is reflected.
 fn land(kernel: &Kernel<'_>, from: &Vertex, sequence: &mut Sequence, cell: f32) -> Option<Point> {
@@ -191,6 +202,7 @@ fn land(kernel: &Kernel<'_>, from: &Vertex, sequence: &mut Sequence, cell: f32) 
         bary: [hit.bary[0], hit.bary[1]],
         front,
         group: 0,
+        parted: false,
     })
 }
 

@@ -5,14 +5,21 @@
 //! emitters, sky and everything that was reflected before. This is the final gather of \[WRC88\] Ward,
 //! Rubinstein and Clear, "A Ray Tracing Solution for Diffuse Interreflection", with cells in a hash table
 //! (\[BGA20\] Binder, Fricke and Keller, "Massively Parallel Path Space Filtering", sections 3 and 4)
-//! in place of their octree. Inside a cell the nearest record counts, so that thin walls do not leak, and its
-//! value stands for the points around it, which is a bias: README states its size. Where rays are short the bias would be seen, so they go on as paths.
+//! in place of their octree. Inside a cell the nearest record counts, and its
+//! value stands for the points around it, which is a bias: README states its size. Where rays are short the bias would be seen, so they go on as paths. In
+//! cells that surfaces part a record counts only where a ray finds it, so that walls do not leak.
 
 use crate::scene::model::Rgb;
-use crate::transport::path::Vertex;
+use crate::transport::path::{Kernel, Vertex};
 use glam::{Vec3, Vec3A};
 use std::collections::HashMap;
 use std::ops::Range;
+
+/// Records further off the plane of the place than this part of a cell belong to something else.
+const ASIDE: f32 = 0.25;
+
+/// Points of a cell are looked at from this part of its side above them, so that bumps do not part them.
+pub const ABOVE: f32 = 0.25;
 
 /// Rays shorter than this many cells do not end at the cache.
 const NEAR: f32 = 2.0;
@@ -38,20 +45,20 @@ pub struct Record {
 pub struct IrradianceCache {
     /// Side of a cell, metres.
     cell: f32,
-    /// Where a cell's records are.
-    index: HashMap<u64, Range<u32>>,
+    /// Where a cell's records are, and whether surfaces part it.
+    index: HashMap<u64, (Range<u32>, bool)>,
     records: Vec<Record>,
 }
 
 impl IrradianceCache {
-    /// A cache of the given cells: key and number of records, which lie one after the other in `records`.
+    /// A cache of the given cells: key, number of records, which lie one after the other in `records`, and whether surfaces part the cell.
     #[must_use]
-    pub fn new(cell: f32, cells: impl Iterator<Item = (u64, u32)>, records: Vec<Record>) -> Self {
+    pub fn new(cell: f32, cells: impl Iterator<Item = (u64, u32, bool)>, records: Vec<Record>) -> Self {
         let mut end = 0;
         let index = cells
-            .map(|(key, n)| {
+            .map(|(key, n, parted)| {
                 end += n;
-                (key, end - n..end)
+                (key, (end - n..end, parted))
             })
             .collect();
         Self { cell, index, records }
@@ -82,18 +89,30 @@ impl IrradianceCache {
         NEAR * self.cell
     }
 
-    /// `E / pi` at a point, nits: that of the nearest record in its cell, or `None` where there is none.
+    /// The nearest record in the cell of a point, or `None` where there is none, and whether surfaces part the cell.
     #[must_use]
-    pub fn lookup(&self, at: &Vertex) -> Option<Rgb> {
-        let range = self.index.get(&Self::key(self.cell, at.position, at.geometric_normal))?;
+    pub fn nearest(&self, at: &Vertex) -> Option<(&Record, bool)> {
+        let (range, parted) = self.index.get(&Self::key(self.cell, at.position, at.geometric_normal))?;
         let mut best = (f32::INFINITY, None);
         for r in &self.records[range.start as usize..range.end as usize] {
             let d = r.position.distance_squared(at.position.into());
             if d < best.0 {
-                best = (d, Some(r.value));
+                best = (d, Some(r));
             }
         }
-        best.1
+        Some((best.1?, *parted))
+    }
+
+    /// The nearest record, for tests.
+    #[cfg(test)]
+    fn lookup(&self, at: &Vertex) -> Option<Rgb> {
+        self.nearest(at).map(|(r, _)| r.value)
+    }
+
+    /// How far above points others of their cell are looked for, metres.
+    #[must_use]
+    pub fn above(&self) -> f32 {
+        ABOVE * self.cell
     }
 
     /// Number of cells.
@@ -106,6 +125,26 @@ impl IrradianceCache {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.index.is_empty()
+    }
+}
+
+impl Kernel<'_> {
+    /// `E / pi` at a point of everything but suns and lamps straight away, nits, if the cache knows it.
+    pub(crate) fn cached(&self, at: &Vertex, rays: &mut u32) -> Option<Rgb> {
+        let cache = self.cache?;
+        let (record, parted) = cache.nearest(at)?;
+        let way = Vec3A::from(record.position) - at.position;
+        if ASIDE * cache.cell < way.dot(at.geometric_normal).abs() {
+            return None;
+        }
+        if parted {
+            *rays += 1;
+            let up = at.geometric_normal * at.offset.max(cache.above());
+            if !self.sees(at.position + up, at.position + way + up) {
+                return None;
+            }
+        }
+        Some(record.value)
     }
 }
 
@@ -144,8 +183,11 @@ mod tests {
         };
         let key = IrradianceCache::key(1.0, vec3a(0.5, 0.0, 0.0), Vec3A::Y);
         let record = |x, v| Record { position: Vec3::new(x, 0.0, 0.0), value: Vec3::splat(v) };
-        let mut cache =
-            IrradianceCache::new(1.0, [(key, 2)].into_iter(), vec![record(0.1, 3.0), record(0.9, 5.0)]);
+        let mut cache = IrradianceCache::new(
+            1.0,
+            [(key, 2, false)].into_iter(),
+            vec![record(0.1, 3.0), record(0.9, 5.0)],
+        );
         assert_eq!(cache.lookup(&at(0.4)), Some(Vec3::splat(3.0)));
         assert_eq!(cache.lookup(&at(0.6)), Some(Vec3::splat(5.0)));
         assert_eq!(cache.lookup(&at(7.5)), None);

@@ -204,7 +204,7 @@ impl Kernel<'_> {
         if left == Vec3::ZERO {
             return Vec3::ZERO;
         }
-        let mut light = match self.cache.and_then(|cache| cache.lookup(&place)) {
+        let mut light = match self.cached(&place, rays) {
             Some(cached) => cached,
             None => {
                 let stage = Stage::Branch(depth + 1);
