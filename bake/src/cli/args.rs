@@ -21,7 +21,7 @@ pub(crate) fn versions() -> String {
     format!("{}\nresponse tables: {tables}", env!("CARGO_PKG_VERSION"))
 }
 
-fn exposure(text: &str) -> Result<f32, String> {
+fn positive(text: &str) -> Result<f32, String> {
     let x: f32 = text.parse().map_err(|_| "a number above 0 is wanted".to_owned())?;
     if 0.0 < x && x.is_finite() { Ok(x) } else { Err("a number above 0 is wanted".to_owned()) }
 }
@@ -105,6 +105,8 @@ pub(crate) struct SettingsArgs {
     pub(crate) direct: Option<DirectArg>,
     #[command(flatten)]
     pub(crate) grid: GridArgs,
+    #[command(flatten)]
+    pub(crate) probes: ProbeArgs,
     /// End paths at irradiance gathered beforehand: much less noise, a small bias that README states; a
     /// limit of --bounces rules it out
     #[arg(long, value_enum, value_name = "WHETHER", default_value = "on")]
@@ -112,6 +114,9 @@ pub(crate) struct SettingsArgs {
     /// Also write direct and indirect light apart
     #[arg(long)]
     pub(crate) split_direct: bool,
+    /// Also write the direction that light comes from, for normal maps: SH of band 1, with half as many paths as texels have
+    #[arg(long)]
+    pub(crate) directional: bool,
     /// Seed of all random numbers [default: 0]
     #[arg(long, value_name = "N")]
     pub(crate) seed: Option<u64>,
@@ -129,6 +134,37 @@ pub(crate) struct GridArgs {
     /// Most times that light is scattered on its way from node to node; without it as often as counts
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=400))]
     pub(crate) grid_orders: Option<u32>,
+}
+
+/// Light probes.
+#[derive(Clone, Copy, Debug, ClapArgs)]
+pub(crate) struct ProbeArgs {
+    /// Light probes for moving objects and fog: what each keeps of the light, or none [default: l2]
+    #[arg(long, value_enum)]
+    pub(crate) probes: Option<ProbesArg>,
+    /// About how many probes, nearer to one another where surfaces are [default: 1024 draft, 4096 medium, 16384 high]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..=1 << 22))]
+    pub(crate) probe_count: Option<u32>,
+    /// Distance of probes where surfaces are, metres, instead of their number
+    #[arg(long, value_name = "X", value_parser = positive, allow_negative_numbers = true, conflicts_with = "probe_count")]
+    pub(crate) probe_spacing: Option<f32>,
+    /// Paths from each probe [default: 64 draft, 128 medium, 512 high]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..=1 << 20))]
+    pub(crate) probe_samples: Option<u32>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ProbesArg {
+    /// No probes
+    Off,
+    /// Spherical harmonics of bands 0 and 1: 4 coefficients
+    L1,
+    /// Bands 0 to 2: 9 coefficients
+    L2,
+    /// Bands 0 to 3: 16 coefficients
+    L3,
+    /// Bands 0 and 1 and the zonal part of band 2: 5 coefficients
+    Zh3,
 }
 
 /// How the command runs, without effect on its result.
@@ -156,7 +192,7 @@ pub(crate) struct RunArgs {
     pub(crate) strict: bool,
     /// Factor that pictures multiply light by before tone mapping, so that bakes can be looked at side by side;
     /// found from each picture if absent, and the manifest has that of preview.png
-    #[arg(long, value_name = "X", value_parser = exposure, allow_negative_numbers = true)]
+    #[arg(long, value_name = "X", value_parser = positive, allow_negative_numbers = true)]
     pub(crate) exposure: Option<f32>,
     #[command(flatten)]
     pub(crate) work: WorkArgs,

@@ -9,12 +9,15 @@ use crate::geom::texel::TexelMap;
 use crate::output::folder::Staging;
 use crate::output::page::{Page, PageStats};
 use crate::output::{self, assemble, exr, preview, record, scene_glb, view};
-use crate::plan::settings::Sampling;
+use crate::plan::settings::{Probes, Sampling};
 use crate::plan::{self, Plan};
 use crate::solve::accumulate::Gate;
 use crate::solve::cache::Cells;
+use crate::solve::directional::{self, Direction};
 use crate::solve::light_grid::{Gathering, all_light};
+use crate::solve::lightmap::Solution;
 use crate::solve::pilot::{self, Learnt};
+use crate::solve::probes::{Probing, Wanted, Where};
 use crate::solve::{Monitor, facing, lightmap, schedule};
 use crate::transport::cache::IrradianceCache;
 use crate::transport::light_grid::LightGrid;
@@ -69,6 +72,7 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
         let mut manifest = record::manifest(&plan, &input.document.inputs(), &baked.figures, &baked.gate);
         manifest.exposure = Some(exposure);
         manifest.light_grid = baked.light_grid;
+        manifest.probes = baked.probes;
         let error = manifest.error;
         watch.lap("write");
         interrupt.check()?;
@@ -143,6 +147,7 @@ struct Baked {
     gate: Gate,
     monitor: Monitor,
     light_grid: Option<tables::format::manifest::LightGrid>,
+    probes: Vec<tables::format::manifest::Probes>,
 }
 
 impl Job<'_> {
@@ -155,6 +160,7 @@ impl Job<'_> {
             gate: Gate::default(),
             monitor: Monitor::default(),
             light_grid: None,
+            probes: Vec::new(),
         };
         self.style.stage("plan", &announce(self.plan, self.memory));
         let learnt = learn(self.plan);
@@ -173,6 +179,8 @@ impl Job<'_> {
         let unbiased = kernel;
         let kernel = Kernel { cache: cache.as_ref(), emitters_apart: true, ..learnt.guide_texels(kernel) };
         self.watch.lap("cache");
+        baked.probes = self.probes(&kernel, &baked.monitor)?;
+        self.watch.lap("probes");
         let luminance = match settings.sampling {
             Sampling::Target(_) => {
                 let effort = effort(self.plan, 0, settings.seed);
@@ -189,7 +197,7 @@ impl Job<'_> {
             let total = settings.paths(map.texels.len() as u64).unwrap_or(0);
             let deadline = self.deadline(number);
             let name = format!("page {} of {}", number + 1, atlas.pages.len());
-            let solution = say::watch(self.style, &name, total, &baked.monitor, self.interrupt, || {
+            let mut solution = say::watch(self.style, &name, total, &baked.monitor, self.interrupt, || {
                 let effort = effort(self.plan, settings.samples, settings.seed);
                 let turned = facing::turned_charts(&unbiased, atlas, &map, number, effort, &baked.monitor);
                 let task = schedule::Task {
@@ -210,25 +218,45 @@ impl Job<'_> {
                 task.solve(&settings.sampling, &baked.monitor)
             })?;
             self.watch.lap("sample");
+            let directions = self.directions(&kernel, &map, number, &mut solution, &baked.monitor)?;
             self.admit(&solution.gate)?;
             baked.gate = baked.gate.merge(solution.gate);
             let (total, min, max) = solution.paths();
             let mean = total as f64 / solution.texels.len().max(1) as f64;
             let samples = Samples { total, min, mean, max };
             let (rounds, audit) = (solution.rounds.clone(), solution.audit.clone());
-            let (mut page, filled) = assemble::page(self.plan, map, solution);
+            let (mut page, filled) = assemble::page(self.plan, map, solution, directions);
             exr::write_page(&self.staging.path(&record::page_file(number)), &page)?;
             preview::write_page(&self.staging.path(&record::preview_file(number)), &page, self.exposure)?;
             preview::write_error(&self.staging.path(&record::error_file(number)), &page)?;
             let stats = PageStats::of(&page);
             baked.figures.push(record::PageFigures { stats, filled, samples, rounds, audit });
             page.std_err = Vec::new();
-            (page.direct, page.indirect) = (None, None);
+            (page.direct, page.indirect, page.sh1) = (None, None, None);
             baked.pages.push(page);
             self.watch.lap("write");
             self.interrupt.check()?;
         }
         Ok(baked)
+    }
+
+    /// Gathers where light comes from if the plan wants it.
+    fn directions(
+        &mut self,
+        kernel: &Kernel<'_>,
+        map: &TexelMap,
+        page: usize,
+        solution: &mut Solution,
+        monitor: &Monitor,
+    ) -> Result<Option<Vec<Direction>>, Error> {
+        let Some(samples) = self.plan.settings().directional else { return Ok(None) };
+        let paths = map.texels.len() as u64 * u64::from(samples);
+        let seed = self.plan.settings().seed;
+        let found = say::watch(self.style, "directions", paths, monitor, self.interrupt, || {
+            directional::gather(kernel, map, page, (samples, seed), solution, monitor)
+        })?;
+        self.watch.lap("directions");
+        Ok(Some(found))
     }
 
     /// When sampling of a page has to end: its share of what a time budget leaves beside what comes after.
@@ -256,6 +284,28 @@ impl Job<'_> {
         })?;
         input::say_light_grid(&grid);
         Ok(Some(grid))
+    }
+
+    /// Gathers and writes light probes if the plan wants them.
+    fn probes(
+        &self,
+        kernel: &Kernel<'_>,
+        monitor: &Monitor,
+    ) -> Result<Vec<tables::format::manifest::Probes>, Error> {
+        let Some(settings) = self.plan.settings().probes else { return Ok(Vec::new()) };
+        let mut written = Vec::new();
+        for (number, wanted) in wanted_probes(self.plan, settings).into_iter().enumerate() {
+            let probing = say::watch(self.style, "places of probes", 0, monitor, self.interrupt, || {
+                Probing::new(kernel, wanted, monitor)
+            })?;
+            let Some(probing) = probing else { continue };
+            let paths = probing.paths();
+            let (volume, figures) = say::watch(self.style, "probes", paths, monitor, self.interrupt, || {
+                probing.finish(kernel, monitor)
+            })?;
+            written.push(output::probes::write(self.staging, number, &volume, &figures, wanted.samples)?);
+        }
+        Ok(written)
     }
 
     /// Gathers the irradiance cache if the plan wants it.
@@ -326,6 +376,19 @@ pub(crate) fn cells(plan: &Plan, kernel: &Kernel<'_>) -> Cells {
     let settings = plan.settings();
     let texel_size = plan.atlas().texels_per_metre.recip();
     Cells::find(kernel, &receivers(plan), texel_size, settings.samples, settings.seed)
+}
+
+/// The volumes of probes that a plan calls for.
+pub(crate) fn wanted_probes(plan: &Plan, settings: Probes) -> Vec<Wanted> {
+    let Probes { basis, about, spacing, samples } = settings;
+    let places = match &plan.scene().probe_boxes {
+        Some(boxes) => {
+            boxes.iter().map(|b| Where::Box { min: b.min, max: b.max, spacing: b.spacing }).collect()
+        }
+        None => vec![spacing.map_or(Where::Scene { about }, Where::Spaced)],
+    };
+    let seed = plan.settings().seed;
+    (0..).zip(places).map(|(number, place)| Wanted { place, basis, samples, seed, number }).collect()
 }
 
 fn receivers(plan: &Plan) -> Vec<Vertex> {

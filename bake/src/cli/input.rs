@@ -1,13 +1,14 @@
 //! Reads scene and configuration and resolves settings.
 
 use crate::cli::args::{
-    DirectArg, GridArgs, LightUnitsArg, MediaArg, OnOff, QualityArg, SceneArgs, SettingsArgs, UnwrapArg,
+    DirectArg, GridArgs, LightUnitsArg, MediaArg, OnOff, ProbeArgs, ProbesArg, QualityArg, SceneArgs,
+    SettingsArgs, UnwrapArg,
 };
 use crate::cli::say;
 use crate::error::{Error, Finding};
 use crate::geom::atlas::{Engine, Unwrap};
 use crate::light::Direct;
-use crate::plan::settings::{Fineness, Sampling};
+use crate::plan::settings::{Fineness, Probes, Sampling};
 use crate::plan::{MediaMode, Quality, Settings, Tracing};
 use crate::scene::config::{Config, RunConfig};
 use crate::scene::document::Document;
@@ -18,6 +19,7 @@ use crate::transport::light_grid::LightGrid;
 use clap::ValueEnum;
 use std::fmt::Write as _;
 use std::path::Path;
+use tables::probes::Basis;
 
 /// The scene that is baked where none is named.
 const HALL: &[u8] = include_bytes!("../../../data/hall.glb");
@@ -169,6 +171,59 @@ pub(crate) fn light_grid(args: GridArgs, quality: Quality) -> Fineness {
     }
 }
 
+/// Paths per texel for the direction of light, if it is asked for.
+///
+/// # Errors
+///
+/// With tables, whose light of media comes from no direction, and with a time budget, of which nothing is kept for it.
+fn directional(
+    args: &SettingsArgs,
+    run: &RunConfig,
+    media: MediaMode,
+    (sampling, samples): (&Sampling, u32),
+) -> Result<Option<u32>, Error> {
+    if !args.directional && run.directional != Some(true) {
+        return Ok(None);
+    }
+    if media == MediaMode::Table {
+        let what = "--directional: media as `table` sees them scatter light from no single direction; take --media bounded";
+        return Err(Error::Usage(what.to_owned()));
+    }
+    if matches!(sampling, Sampling::Budget(_) | Sampling::Rounds(_)) {
+        let what = "--directional has a fixed number of paths and no share of a time budget; take --quality, --samples or --target-error";
+        return Err(Error::Usage(what.to_owned()));
+    }
+    Ok(Some((samples / 2).max(8)))
+}
+
+/// Light probes: by the command line, else the configuration file, else by the preset.
+///
+/// # Errors
+///
+/// If the file's word is not known, or the distance not a length.
+fn probes(args: ProbeArgs, run: &RunConfig, quality: Quality) -> Result<Option<Probes>, Error> {
+    let basis = match (args.probes, &run.probes) {
+        (None, Some(text)) => word(text, "run.probes")?,
+        (given, _) => given.unwrap_or(ProbesArg::L2),
+    };
+    let basis = match basis {
+        ProbesArg::Off => return Ok(None),
+        ProbesArg::L1 => Basis::L1,
+        ProbesArg::L2 => Basis::L2,
+        ProbesArg::L3 => Basis::L3,
+        ProbesArg::Zh3 => Basis::Zh3,
+    };
+    let (about, samples) = quality.probes();
+    // A number on the command line stands above a distance in the file, and the other way round.
+    let spacing = args.probe_spacing.or(run.probe_spacing.filter(|_| args.probe_count.is_none()));
+    Ok(Some(Probes {
+        basis,
+        about: args.probe_count.or(run.probe_count).unwrap_or(about),
+        spacing,
+        samples: args.probe_samples.or(run.probe_samples).unwrap_or(samples),
+    }))
+}
+
 /// Says where the light grid could not be solved as it should.
 pub(crate) fn say_light_grid(grid: &LightGrid) {
     if grid.forward < 1.0 {
@@ -227,6 +282,7 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
         Sampling::Exact(n) => n,
         _ => quality.samples(),
     };
+    let directional = directional(args, run, media, (&sampling, samples))?;
     Ok(Settings {
         quality,
         samples,
@@ -244,6 +300,8 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
         media,
         light_grid: light_grid(args.grid, quality),
         direct: direct(args.direct, run)?,
+        directional,
+        probes: probes(args.probes, run, quality)?,
         seed: args.seed.or(run.seed).unwrap_or(0),
         irradiance_cache: args.irradiance_cache == OnOff::On,
         split_direct: args.split_direct,

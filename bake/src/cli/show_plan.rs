@@ -3,7 +3,7 @@
 #![expect(clippy::print_stdout, reason = "the plan is the command's result")]
 
 use crate::cli::args::PlanArgs;
-use crate::cli::bake_run::{cells, effort, kernel, learn};
+use crate::cli::bake_run::{cells, effort, kernel, learn, wanted_probes};
 use crate::cli::input;
 use crate::cli::say::{self, Interrupt, Style};
 use crate::error::Error;
@@ -11,6 +11,7 @@ use crate::geom::texel::TexelMap;
 use crate::plan::settings::Fineness;
 use crate::plan::{self, Memory, Plan};
 use crate::solve::light_grid::Gathering;
+use crate::solve::probes::{Probing, Wanted};
 use crate::solve::{Monitor, lightmap};
 use crate::transport::Kernel;
 use crate::transport::cache::IrradianceCache;
@@ -67,6 +68,7 @@ impl Cost {
         let kernel = Kernel { grid: grid.as_ref(), ..kernel };
         let (cache, cache_seconds) = Self::cache(plan, &kernel)?;
         let kernel = Kernel { cache: cache.as_ref(), emitters_apart: true, ..learnt.guide_texels(kernel) };
+        let probe_seconds = Self::probes(plan, &kernel)?;
         let (mut covered, mut seconds, mut paths) = (0u64, 0.0, 0u64);
         for page in 0..plan.atlas().pages.len() {
             let map = TexelMap::build(plan.scene(), plan.atlas(), page);
@@ -96,7 +98,7 @@ impl Cost {
         Ok(Self {
             covered,
             paths: all,
-            seconds: all.map(|n| grid_seconds + cache_seconds + n as f64 / paths_per_second),
+            seconds: all.map(|n| grid_seconds + cache_seconds + probe_seconds + n as f64 / paths_per_second),
         })
     }
 
@@ -114,6 +116,24 @@ impl Cost {
         Ok((Some(grid), seconds * f64::from(all.paths) / f64::from(few.paths)))
     }
 
+    /// About how long light probes will take, seconds, by few paths from each.
+    fn probes(plan: &Plan, kernel: &Kernel<'_>) -> Result<f64, Error> {
+        let Some(settings) = plan.settings().probes else { return Ok(0.0) };
+        let monitor = Monitor::default();
+        let mut seconds = 0.0;
+        for wanted in wanted_probes(plan, settings) {
+            let start = Instant::now();
+            let few = Wanted { samples: FEW_FROM_PROBES.min(wanted.samples), ..wanted };
+            let Some(probing) = Probing::new(kernel, few, &monitor)? else { continue };
+            seconds += start.elapsed().as_secs_f64();
+            let start = Instant::now();
+            probing.finish(kernel, &monitor)?;
+            let ratio = f64::from(wanted.samples) / f64::from(few.samples);
+            seconds += start.elapsed().as_secs_f64() * ratio;
+        }
+        Ok(seconds)
+    }
+
     /// An irradiance cache of few paths, and about how long the whole one will take, seconds.
     fn cache(plan: &Plan, kernel: &Kernel<'_>) -> Result<(Option<IrradianceCache>, f64), Error> {
         if !plan.settings().caches() {
@@ -128,6 +148,9 @@ impl Cost {
         Ok((Some(cache), seconds * all / few.paths().max(1) as f64))
     }
 }
+
+/// See [`Cost::probes`].
+const FEW_FROM_PROBES: u32 = 16;
 
 fn to_json(plan: &Plan, cost: &Cost, memory: &Memory) -> Value {
     json!({

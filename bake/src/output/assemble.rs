@@ -4,6 +4,7 @@ use crate::geom::texel::TexelMap;
 use crate::output::dilate::{self, Filled, NO_CHART};
 use crate::output::page::{Page, PageStats};
 use crate::plan::Plan;
+use crate::solve::directional::Direction;
 use crate::solve::lightmap::Solution;
 use crate::solve::visible::Validity;
 
@@ -19,8 +20,22 @@ const BATCH: usize = 1 << 16;
 /// chart, and charts continue outwards by the plan's padding. The solution's memory is given back
 /// while the page's fills.
 #[must_use]
-pub fn page(plan: &Plan, map: TexelMap, mut solution: Solution) -> (Page, Filled) {
+pub fn page(
+    plan: &Plan,
+    map: TexelMap,
+    mut solution: Solution,
+    directions: Option<Vec<Direction>>,
+) -> (Page, Filled) {
     let mut sheet = Sheet::new(&map);
+    if let Some(directions) = directions {
+        sheet.page.sh1 = Some(std::array::from_fn(|axis| {
+            let mut layer = vec![[0.0; 3]; sheet.charts.len()];
+            for (texel, d) in map.texels.iter().zip(&directions) {
+                layer[*texel as usize] = d[axis].to_array();
+            }
+            layer
+        }));
+    }
     if plan.settings().split_direct {
         let n = sheet.charts.len();
         sheet.page.direct = Some(vec![[0.0; 3]; n]);

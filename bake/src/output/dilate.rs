@@ -169,24 +169,21 @@ enum Errors {
     Drop,
 }
 
+/// Layers of light that a page has at most: radiance, its two parts, and three of direction.
+const LAYERS: usize = 6;
+
 /// All layers of one texel.
 #[derive(Clone, Copy, Default)]
 struct Texel {
-    radiance: [f32; 3],
+    light: [[f32; 3]; LAYERS],
     std_err: [f32; 3],
-    direct: [f32; 3],
-    indirect: [f32; 3],
 }
 
 impl Texel {
     fn store(&self, page: &mut Page, i: usize) {
-        page.radiance[i] = self.radiance;
         page.std_err[i] = self.std_err;
-        if let Some(direct) = &mut page.direct {
-            direct[i] = self.direct;
-        }
-        if let Some(indirect) = &mut page.indirect {
-            indirect[i] = self.indirect;
+        for (layer, light) in page.light_layers_mut().zip(self.light) {
+            layer[i] = light;
         }
     }
 }
@@ -198,21 +195,17 @@ fn mean(page: &Page, texels: impl Iterator<Item = usize>, errors: Errors) -> Tex
     let add = |to: &mut [f32; 3], from: [f32; 3]| to.iter_mut().zip(from).for_each(|(t, f)| *t += f);
     for i in texels {
         n += 1.0;
-        add(&mut sum.radiance, page.radiance[i]);
         if errors == Errors::Keep {
             add(&mut sum.std_err, page.std_err[i]);
         }
-        if let Some(direct) = &page.direct {
-            add(&mut sum.direct, direct[i]);
-        }
-        if let Some(indirect) = &page.indirect {
-            add(&mut sum.indirect, indirect[i]);
+        for (to, (_, layer)) in sum.light.iter_mut().zip(page.light_layers()) {
+            add(to, layer[i]);
         }
     }
     if 0.0 < n {
-        for layer in [&mut sum.radiance, &mut sum.std_err, &mut sum.direct, &mut sum.indirect] {
-            layer.iter_mut().for_each(|c| *c /= n);
-        }
+        let divide = |layer: &mut [f32; 3]| layer.iter_mut().for_each(|c| *c /= n);
+        sum.light.iter_mut().for_each(divide);
+        divide(&mut sum.std_err);
     }
     sum
 }

@@ -9,6 +9,21 @@ use ktx2::{Format, Header, Index, LevelIndex};
 /// Texels start at a multiple of this; the least common multiple of 4 and the size of a texel.
 const ALIGNMENT: usize = 8;
 
+/// Makes half floats and counts those that were too great.
+#[derive(Default)]
+pub(super) struct Half {
+    /// Values beyond 65504, which were clamped to it.
+    pub(super) clamped: u64,
+}
+
+impl Half {
+    /// The nearest half float; not infinite.
+    pub(super) fn of(&mut self, v: f32) -> f16 {
+        self.clamped += u64::from(f16::MAX.to_f32() < v.abs());
+        f16::from_f32(v.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
+    }
+}
+
 /// A three-dimensional texture of half floats, x fastest, with metadata as keys and texts, which the format wants in the order of keys.
 ///
 /// # Panics

@@ -31,7 +31,7 @@
 
 use crate::error::Result;
 use crate::output::folder::Staging;
-use crate::output::ktx;
+use crate::output::ktx::{self, Half};
 use crate::scene::model::Rgb;
 use crate::transport::light_grid::{COEFFICIENTS, LightGrid};
 use glam::{UVec3, Vec3};
@@ -75,11 +75,7 @@ pub fn write(
 /// Half floats, and how many were too great for them.
 fn texels(size: UVec3, light: &[Option<[Rgb; COEFFICIENTS]>]) -> (Vec<[f16; 4]>, u64) {
     let area = (size.x * size.y) as usize;
-    let mut clamped = 0;
-    let mut half = |v: f32| {
-        clamped += u64::from(f16::MAX.to_f32() < v.abs());
-        f16::from_f32(v.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
-    };
+    let mut half = Half::default();
     let mut out = Vec::with_capacity(area * (size.z as usize + 2) * BLOCKS as usize);
     for k in 0..BLOCKS as usize {
         for slice in 0..size.z as usize + 2 {
@@ -90,11 +86,11 @@ fn texels(size: UVec3, light: &[Option<[Rgb; COEFFICIENTS]>]) -> (Vec<[f16; 4]>,
                     continue;
                 };
                 let fourth = if k < 6 { l[7 + k / 3][k % 3] } else { 1.0 };
-                out.push([l[k].x, l[k].y, l[k].z, fourth].map(&mut half));
+                out.push([l[k].x, l[k].y, l[k].z, fourth].map(|v| half.of(v)));
             }
         }
     }
-    (out, clamped)
+    (out, half.clamped)
 }
 
 #[cfg(test)]

@@ -21,6 +21,9 @@ pub struct Page {
     pub direct: Option<Vec<[f32; 3]>>,
     /// The rest, nits, where it was asked for.
     pub indirect: Option<Vec<[f32; 3]>>,
+    /// The direction that light comes from, where it was asked for: parts along x, y and z, nits, signed; see
+    /// [`crate::solve::directional`].
+    pub sh1: Option<[Vec<[f32; 3]>; 3]>,
 }
 
 impl Page {
@@ -36,6 +39,7 @@ impl Page {
             std_err: vec![[0.0; 3]; n],
             direct: None,
             indirect: None,
+            sh1: None,
         }
     }
 
@@ -45,11 +49,18 @@ impl Page {
         self.width * self.height
     }
 
-    /// The layers of light with their channel prefix: the empty one, `direct`, `indirect`.
+    /// The layers of light with their channel prefix: the empty one, `direct`, `indirect`, `sh1.x`, `sh1.y`, `sh1.z`.
     pub(super) fn light_layers(&self) -> impl Iterator<Item = (&'static str, &Vec<[f32; 3]>)> {
-        [("", Some(&self.radiance)), ("direct", self.direct.as_ref()), ("indirect", self.indirect.as_ref())]
-            .into_iter()
-            .filter_map(|(name, layer)| Some((name, layer?)))
+        let parts = [("direct", self.direct.as_ref()), ("indirect", self.indirect.as_ref())];
+        let parts = parts.into_iter().filter_map(|(name, layer)| Some((name, layer?)));
+        let directions = self.sh1.iter().flat_map(|d| ["sh1.x", "sh1.y", "sh1.z"].into_iter().zip(d));
+        [("", &self.radiance)].into_iter().chain(parts).chain(directions)
+    }
+
+    /// The same layers in the same order, to be changed.
+    pub(super) fn light_layers_mut(&mut self) -> impl Iterator<Item = &mut Vec<[f32; 3]>> {
+        let parts = self.direct.iter_mut().chain(&mut self.indirect);
+        std::iter::once(&mut self.radiance).chain(parts).chain(self.sh1.iter_mut().flatten())
     }
 
     /// First layer whose length is not `width * height`.

@@ -97,6 +97,32 @@ pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> 
             },
         ),
         effect(
+            "directional lightmaps",
+            settings.directional.is_some(),
+            match settings.directional {
+                Some(n) => format!("{n} paths per texel for the direction of light"),
+                None => "not asked for (--directional)".to_owned(),
+            },
+        ),
+        effect(
+            "light probes",
+            settings.probes.is_some(),
+            match (settings.probes, &scene.probe_boxes) {
+                (None, _) => "switched off".to_owned(),
+                (Some(p), Some(boxes)) => {
+                    let name = p.basis.name();
+                    format!(
+                        "{} of {name} probes",
+                        if boxes.len() == 1 { "1 box".into() } else { format!("{} boxes", boxes.len()) }
+                    )
+                }
+                (Some(p), None) => match p.spacing {
+                    Some(s) => format!("{}, {s} m apart where surfaces are", p.basis.name()),
+                    None => format!("{}, up to {}, denser where surfaces are", p.basis.name(), p.about),
+                },
+            },
+        ),
+        effect(
             "media",
             !scene.media.is_empty() && settings.media != MediaMode::Off,
             match (scene.media.len(), settings.media) {

@@ -81,6 +81,9 @@ const PER_TEXEL: u64 = 28;
 /// Bytes per texel of `direct` and `indirect`.
 const PER_TEXEL_SPLIT: u64 = 24;
 
+/// Bytes per texel of `sh1`.
+const PER_TEXEL_DIRECTED: u64 = 36;
+
 /// Bytes per texel of a page that is kept for the preview: radiance and coverage.
 const PER_TEXEL_KEPT: u64 = 16;
 
@@ -132,7 +135,8 @@ impl Memory {
         let tracing = plan.tracing();
         let triangles = tracing.world.len() as u64;
         let split = if plan.settings().split_direct { PER_TEXEL_SPLIT } else { 0 };
-        let per_texel = PER_TEXEL + split;
+        let directed = if plan.settings().directional.is_some() { PER_TEXEL_DIRECTED } else { 0 };
+        let per_texel = PER_TEXEL + split + directed;
         let targeted = matches!(plan.settings().sampling, Sampling::Target(_));
         let unwrapped = atlas.layouts.iter().filter(|l| !l.kept);
         let layouts: u64 = atlas.layouts.iter().map(layout_bytes).sum();
@@ -146,8 +150,10 @@ impl Memory {
             // A target is measured on the page as it would be written.
             let figure = if targeted { (PER_TEXEL + PER_TEXEL_FLAGS) * load.texels } else { 0 };
             let planned = planned.max(figure);
-            let solved = map + PER_SOLVED * load.covered + planned;
-            let assembled = map + (per_texel + PER_TEXEL_FLAGS) * load.texels;
+            // What was found of directions stays beside the texels until the page is put together.
+            let found = directed * load.covered;
+            let solved = map + PER_SOLVED * load.covered + planned.max(found);
+            let assembled = map + found + (per_texel + PER_TEXEL_FLAGS) * load.texels;
             let dilated = (per_texel + PER_TEXEL_DILATED) * load.texels + PER_BORDER * load.border;
             // The EXR library holds a block for each thread and two more, raw, sorted and compressed.
             let blocks = (rayon::current_num_threads() as u64 + 2) * 3 * EXR_ROWS * load.width * per_texel;

@@ -4,6 +4,7 @@ use crate::geom::atlas::{AtlasOptions, Density, Engine, Unwrap};
 use crate::light::Direct;
 use crate::media::Media;
 use serde_json::{Map, Value, json};
+use tables::probes::Basis;
 
 /// Presets of density and samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,6 +40,16 @@ impl Quality {
             Self::High => (1 << 14, 64),
         };
         Fineness { nodes, paths, orders: None }
+    }
+
+    /// About how many light probes a scene gets, and paths from each.
+    #[must_use]
+    pub const fn probes(self) -> (u32, u32) {
+        match self {
+            Self::Draft => (1 << 10, 64),
+            Self::Medium => (1 << 12, 128),
+            Self::High => (1 << 14, 512),
+        }
     }
 
     /// Side of the one page that the scene is fitted onto where no density is given, texels.
@@ -85,6 +96,19 @@ impl Fineness {
         let turns = (1.0 / (1.0 - media.smoothed().most_forward())).min(MOST_TURNS);
         Self { paths: (self.paths as f32 * turns) as u32, ..self }
     }
+}
+
+/// Light probes of a scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Probes {
+    /// What is kept of the light.
+    pub basis: Basis,
+    /// About how many, where no distance is given.
+    pub about: u32,
+    /// Distance near surfaces, metres.
+    pub spacing: Option<f32>,
+    /// Paths from each.
+    pub samples: u32,
 }
 
 /// How many paths texels get.
@@ -160,6 +184,10 @@ pub struct Settings {
     pub light_grid: Fineness,
     /// How direct light is sampled.
     pub direct: Direct,
+    /// Paths per texel for the direction of light; `None` where it is not asked for.
+    pub directional: Option<u32>,
+    /// Light probes; `None` for none.
+    pub probes: Option<Probes>,
     /// Seed of all random numbers.
     pub seed: u64,
     /// Whether paths may end at an irradiance cache.
@@ -243,6 +271,11 @@ impl Settings {
             ("grid_nodes", json!(self.light_grid().map(|f| f.nodes))),
             ("grid_paths", json!(self.light_grid().map(|f| f.paths))),
             ("grid_orders", json!(self.light_grid().and_then(|f| f.orders))),
+            ("probes", json!(self.probes.map(|p| p.basis.name()))),
+            ("probe_spacing", json!(self.probes.and_then(|p| p.spacing))),
+            ("probe_count", json!(self.probes.filter(|p| p.spacing.is_none()).map(|p| p.about))),
+            ("probe_samples", json!(self.probes.map(|p| p.samples))),
+            ("directional", json!(self.directional)),
             ("split_direct", json!(self.split_direct)),
         ];
         pairs.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()

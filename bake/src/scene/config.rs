@@ -10,7 +10,8 @@ use super::{
     document::InputFile,
     findings::Findings,
     media_words::{MEDIUM_PREFIX, has_medium, media},
-    model::{Light, LightKind, LightMode, LightmapMode, Medium, Sky},
+    model::{Light, LightKind, LightMode, LightmapMode, Medium, ProbeBox, Sky},
+    probe_words::probes,
     read::{Table, index_of, scalar},
     sky,
 };
@@ -45,6 +46,11 @@ pub struct RunConfig {
     pub media: Option<String>,
     pub direct: Option<String>,
     pub denoise: Option<String>,
+    pub directional: Option<bool>,
+    pub probes: Option<String>,
+    pub probe_count: Option<u32>,
+    pub probe_spacing: Option<f32>,
+    pub probe_samples: Option<u32>,
     pub sky: Option<String>,
     pub light_units: Option<String>,
     pub audit: Option<u32>,
@@ -67,6 +73,8 @@ pub struct SceneWords {
     pub texels_per_metre: Option<f32>,
     /// `media`, in file order.
     pub media: Vec<Medium>,
+    /// `probes`: boxes of light probes, which then find no places by themselves.
+    pub probes: Option<Vec<ProbeBox>>,
     /// `metals_black`: albedo is base colour times (1 - metallic).
     pub metals_black: Option<bool>,
 }
@@ -195,6 +203,7 @@ impl SceneWords {
             sky,
             texels_per_metre: texels_per_metre(t, out),
             metals_black: t.flag("metals_black", out),
+            probes: probes(t, out),
             media: media(t, &mut Files { dir, inputs }, out),
         }
     }
@@ -353,6 +362,7 @@ impl RunConfig {
         let media = word("media", &["off"]);
         let direct = word("direct", &["auto", "all", "lightcuts", "grid", "published"]);
         let denoise = word("denoise", &["off", "draft", "final"]);
+        let probes = word("probes", &["off", "l1", "l2", "l3", "zh3"]);
         let light_units = word("light_units", &["gltf", "blender-raw", "blender-unitless"]);
         let progress = word("progress", &["auto", "plain", "json", "none"]);
         let mut integer = |key, least: u64, most: u64| {
@@ -368,6 +378,8 @@ impl RunConfig {
         let max_size = small(integer("max_size", 16, 16384));
         let audit = small(integer("audit", 0, 1 << 24));
         let threads = small(integer("threads", 1, 4096));
+        let probe_count = small(integer("probe_count", 8, 1 << 22));
+        let probe_samples = small(integer("probe_samples", 16, 1 << 20));
         let seed = integer("seed", 0, u64::MAX);
         let run = Self {
             quality,
@@ -381,6 +393,11 @@ impl RunConfig {
             media,
             direct,
             denoise,
+            directional: t.flag("directional", out),
+            probes,
+            probe_count,
+            probe_spacing: t.number("probe_spacing", "a number of metres above 0", out, |v| 0.0 < v),
+            probe_samples,
             // A number is a grey sky, and a list is a colour.
             sky: t.read("sky", "a colour or a file name", out, |v| match v {
                 Value::String(s) => Some(s.clone()),

@@ -77,6 +77,7 @@ pub fn load(doc: &Document, config: &Config, options: &LoadOptions) -> (Scene, V
         let used: BTreeSet<usize> = scene.surfaces.iter().map(|s| s.material).collect();
         (scene.materials, scene.images) = gltf_material::load(doc, &used, metals_black, &mut out);
         lamps(&mut scene.lights, &extras.lamps, &config.scene.lamps);
+        scene.probe_boxes = config.scene.probes.clone().or(extras.probes);
         scene.media.extend(extras.media);
         scene.media.extend(config.scene.media.iter().cloned());
         check_uv_sets(&mut scene, &mut out);

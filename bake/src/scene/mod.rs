@@ -16,6 +16,7 @@ mod images;
 mod media_words;
 mod meshopt;
 pub mod model;
+mod probe_words;
 mod read;
 pub mod sky;
 pub mod texture;

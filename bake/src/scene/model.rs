@@ -33,6 +33,21 @@ pub struct Scene {
     pub texels_per_metre: Option<f32>,
     /// What fills the air.
     pub media: Vec<Medium>,
+    /// Where light probes are asked for by name; `None` where they find their places by themselves.
+    pub probe_boxes: Option<Vec<ProbeBox>>,
+}
+
+/// A box that is filled with light probes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProbeBox {
+    /// Where it stands in the file.
+    pub path: String,
+    /// Corner with the smallest coordinates, metres.
+    pub min: Vec3,
+    /// Corner with the greatest.
+    pub max: Vec3,
+    /// Distance of probes, metres.
+    pub spacing: f32,
 }
 
 /// A participating medium.

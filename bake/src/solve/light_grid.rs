@@ -81,7 +81,7 @@ impl Gathering {
     #[must_use]
     pub fn new(kernel: &Kernel<'_>, fineness: Fineness, seed: u64) -> Option<Self> {
         let media = kernel.media.filter(|m| m.scatters())?;
-        let bounds = bounds(kernel.world, media.bounds())?;
+        let bounds = around(kernel.world, media.bounds())?;
         let mut grid = LightGrid::new(kernel.world, media.smoothed(), bounds, fineness.nodes);
         let known = LightGrid::looks_at(kernel.air_lights());
         let seen: Vec<Seen> = (0..grid.len())
@@ -170,7 +170,8 @@ pub fn all_light(kernel: &Kernel<'_>, grid: &LightGrid, seed: u64) -> Vec<Option
                 let mut sequence = Sequence::new(key, place);
                 let [a, b, c, _] = sequence.next4();
                 let p = kernel.near_node(grid, node, [a, b, c], &mut 0);
-                kernel.straight_to(grid, p, &mut sequence, &mut 0, |wi, illuminance| {
+                let media = Some(grid.media());
+                kernel.straight_to(media, true, p, &mut sequence, &mut 0, |wi, illuminance| {
                     for (sum, y) in light.iter_mut().zip(harmonics(wi)) {
                         *sum += illuminance * (y / PLACES as f32);
                     }
@@ -181,8 +182,8 @@ pub fn all_light(kernel: &Kernel<'_>, grid: &LightGrid, seed: u64) -> Vec<Option
         .collect()
 }
 
-/// Where nodes lie: around the media, as far as there are surfaces and a little beyond.
-fn bounds(world: &World, media: Option<(Vec3, Vec3)>) -> Option<(Vec3, Vec3)> {
+/// Where air is asked for its light: around the media, as far as there are surfaces and a little beyond; around the surfaces, where no media are given.
+pub(super) fn around(world: &World, media: Option<(Vec3, Vec3)>) -> Option<(Vec3, Vec3)> {
     let scene = world
         .triangles()
         .flatten()
@@ -208,7 +209,7 @@ fn bounds(world: &World, media: Option<(Vec3, Vec3)>) -> Option<(Vec3, Vec3)> {
 const BEYOND: f32 = 0.25;
 
 /// Directions that cover the sphere evenly: a Fibonacci spiral.
-fn directions(n: u32) -> Vec<Vec3A> {
+pub(super) fn directions(n: u32) -> Vec<Vec3A> {
     (0..n)
         .map(|i| {
             let z = 1.0 - (2.0 * i as f32 + 1.0) / n as f32;

@@ -442,11 +442,7 @@ fn add(at: &Place<'_>, kind: Kind, n: u32, texel: &mut Texel, scratch: &mut Vec<
 impl Place<'_> {
     /// The point of the texel that `u` chooses; `None` where it is hidden or has no area.
     fn vertex(&self, u: [f32; 2]) -> Option<Vertex> {
-        let on = self.sampler.sample(u);
-        if !self.cells[cell_index(on.uv.to_array())] {
-            return None;
-        }
-        receiver(self.kernel, on.triangle, on.bary, self.side)
+        point(self.kernel, self.sampler, (self.cells, self.side), u)
     }
 
     /// Whether the texel may show its back instead of its front.
@@ -480,6 +476,29 @@ impl Place<'_> {
             Some(Sample { direct: gate.admit(e.direct, at), indirect: gate.admit(e.indirect, at) })
         })
     }
+}
+
+fn point(
+    kernel: &Kernel<'_>,
+    sampler: &TexelSampler,
+    (cells, side): (Cells, Side),
+    u: [f32; 2],
+) -> Option<Vertex> {
+    let on = sampler.sample(u);
+    if !cells[cell_index(on.uv.to_array())] {
+        return None;
+    }
+    receiver(kernel, on.triangle, on.bary, side)
+}
+
+/// A point of a solved texel, on the side that it shows; `None` where it is hidden or has no area.
+pub(super) fn vertex_of(
+    kernel: &Kernel<'_>,
+    sampler: &TexelSampler,
+    texel: &Texel,
+    u: [f32; 2],
+) -> Option<Vertex> {
+    point(kernel, sampler, (texel.cells, texel.side), u)
 }
 
 /// The same texel from `times` as many samples with other random numbers, and the rays that took.

@@ -4,12 +4,14 @@ pub mod accumulate;
 pub mod adaptive;
 pub mod audit;
 pub mod cache;
+pub mod directional;
 pub mod facing;
 pub mod light_grid;
 pub mod lightmap;
 pub mod monitor;
 pub mod pilot;
 pub mod points;
+pub mod probes;
 pub mod schedule;
 pub mod visible;
 

@@ -34,7 +34,7 @@ use crate::scene::model::Rgb;
 use crate::transport::air::{Crossed, Way, henyey_greenstein_direction};
 use crate::transport::direct::Part;
 use crate::transport::light_grid::{Inside, LightGrid, Seen, dot, scattering};
-use crate::transport::path::{Kernel, Stage, Vertex};
+use crate::transport::path::{Kernel, Leg, Stage, Vertex};
 use glam::{Vec3, Vec3A};
 
 /// Rays find out what cells do not know as often as light is scattered or absorbed on them, times this: the thinner the media, the less they cost.
@@ -364,9 +364,20 @@ impl Kernel<'_> {
         rays: &mut u32,
     ) -> Rgb {
         let leg = self.follow_in_air(from, wi, links.as_deref_mut(), sequence, rays);
+        self.leg_brings(leg, links, sequence, rays)
+    }
+
+    /// Radiance that a leg brings to its beginning, with what is reflected at its end.
+    pub(crate) fn leg_brings(
+        &self,
+        leg: Leg,
+        mut links: Option<&mut Links>,
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Rgb {
         let mut sum = leg.emitted + leg.airlight;
         if let Some((next, reflectance)) = leg.next {
-            let light = match self.cache.and_then(|cache| cache.lookup(&next)) {
+            let light = match self.cached(&next, rays) {
                 Some(cached) => cached + self.direct(&next, Part::Small, false, None, sequence, rays).small,
                 None => {
                     let [a, b, _, _] = sequence.next4();

@@ -340,11 +340,12 @@ impl Kernel<'_> {
         Some((Incident { wi, distance, illuminance }, distance - 2.0 * offset))
     }
 
-    /// Light that comes straight to a place in the air, a direction and an illuminance each, lux: of suns, of lamps and of emissive surfaces that grids do not hold.
-    /// Lights whose direct part the game adds are left out. Of many one stands for all.
+    /// Light that comes straight to a place in the air, a direction and an illuminance each, lux: of suns, of lamps and, with `surfaces`, of emissive surfaces that grids do not hold.
+    /// Media weaken it. Lights whose direct part the game adds are left out. Of many one stands for all.
     pub(crate) fn straight_to(
         &self,
-        grid: &LightGrid,
+        media: Option<&Media>,
+        surfaces: bool,
         p: Vec3A,
         sequence: &mut Sequence,
         rays: &mut u32,
@@ -354,7 +355,7 @@ impl Kernel<'_> {
         let mut see = |light: &Incident, reach: f32, weight: f32, rays: &mut u32| {
             let left = self.unblocked(&in_air(p), light.wi, reach, rays);
             if left != Vec3::ZERO {
-                let through = grid.media().transmittance(p, light.wi, light.distance);
+                let through = media.map_or(Vec3::ONE, |m| m.transmittance(p, light.wi, light.distance));
                 visit(light.wi, light.illuminance * left * through * weight);
             }
         };
@@ -390,6 +391,9 @@ impl Kernel<'_> {
                     break;
                 }
             }
+        }
+        if !surfaces {
+            return;
         }
         if let Some(many) = l.many_emitters() {
             let chosen = many.one(&place, Among::EmittersInMedia, FallOff::Square, finer(d, fine[1]));

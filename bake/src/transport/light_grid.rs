@@ -5,6 +5,7 @@
 //! between nodes know of these lights is whether all of their nodes see one, none, or some.
 
 use crate::geom::World;
+use crate::geom::voxels::touched;
 use crate::geom::world::luminance;
 use crate::media::{Media, henyey_greenstein};
 use crate::scene::model::Rgb;
@@ -119,32 +120,13 @@ impl LightGrid {
         grid
     }
 
-    /// Marks the cells that a triangle may touch: those in its bounds that its plane cuts.
+    /// Marks the cells that a triangle may touch.
     fn occupy(&mut self, corners: [Vec3; 3]) {
         let corners = corners.map(|c| (Vec3A::from(c) - self.origin) / self.cell);
-        let min = corners[0].min(corners[1]).min(corners[2]);
-        let max = corners[0].max(corners[1]).max(corners[2]);
-        let last = (self.size - 2).as_vec3a();
-        // What lies in the side of a cell belongs to both.
-        let slack = 1e-3;
-        if (max + slack).cmplt(Vec3A::ZERO).any() || (min - slack).cmpgt(last + 1.0).any() {
-            return;
-        }
-        let from = (min - slack).floor().clamp(Vec3A::ZERO, last).as_uvec3();
-        let to = (max + slack).floor().clamp(Vec3A::ZERO, last).as_uvec3();
-        let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
-        let reach = (0.5 + slack) * normal.abs().element_sum() + slack;
-        for z in from.z..=to.z {
-            for y in from.y..=to.y {
-                for x in from.x..=to.x {
-                    let centre = UVec3::new(x, y, z).as_vec3a() + 0.5;
-                    if (centre - corners[0]).dot(normal).abs() <= reach {
-                        let cell = self.cell_index(UVec3::new(x, y, z));
-                        self.occupied[cell] = true;
-                    }
-                }
-            }
-        }
+        touched(corners, self.size - 1, |c| {
+            let cell = self.cell_index(c);
+            self.occupied[cell] = true;
+        });
     }
 
     fn cell_index(&self, c: UVec3) -> usize {

@@ -2,6 +2,7 @@
 
 pub(crate) mod air;
 pub(crate) mod airlight;
+pub mod around;
 pub mod cache;
 pub mod connect;
 pub mod direct;

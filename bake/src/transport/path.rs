@@ -40,6 +40,15 @@ pub(crate) const MAX_LAYERS: u32 = 256;
 /// stay small beside that of a texel.
 const BORROWED: u32 = 256;
 
+/// A ray from a surface: what it finds is weighed against what is chosen there.
+const FROM_SURFACE: u8 = 0;
+
+/// A ray from a place in the air: nothing else finds what it finds.
+const IN_AIR: u8 = 1;
+
+/// As [`IN_AIR`], but that the image of a sky is chosen as well.
+const BESIDE_SKY: u8 = 2;
+
 /// Which path of an estimate is walked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Stage {
@@ -308,7 +317,7 @@ impl Kernel<'_> {
             }
             if let Some(cache) = self.cache
                 && cache.near() <= leg.travelled
-                && let Some(cached) = cache.lookup(&next)
+                && let Some(cached) = self.cached(&next, &mut out.rays)
             {
                 let small = self.direct(&next, Part::Small, false, arrival, sequence, &mut out.rays).small;
                 out.indirect += throughput * cached + lit * small;
@@ -373,7 +382,7 @@ impl Kernel<'_> {
         rays: &mut u32,
     ) -> Leg {
         let pdf = cos_hemisphere_pdf(wi.dot(from.shading_normal));
-        self.follow_on::<true>((from, wi, pdf), by_area, links, sequence, rays)
+        self.follow_on::<FROM_SURFACE>((from, wi, pdf), by_area, links, sequence, rays)
     }
 
     /// As [`Kernel::follow`] from a place in the air, whose rays alone find the sky and wide emitters, and do not count others.
@@ -385,10 +394,21 @@ impl Kernel<'_> {
         sequence: &mut Sequence,
         rays: &mut u32,
     ) -> Leg {
-        self.follow_on::<false>((from, wi, 1.0), None, links, sequence, rays)
+        self.follow_on::<IN_AIR>((from, wi, 1.0), None, links, sequence, rays)
     }
 
-    fn follow_on<const ON_SURFACE: bool>(
+    /// The same where the image of a sky is asked apart as well, by [`Kernel::sky_apart`]; `wi` was chosen with this density per steradian.
+    pub(crate) fn follow_beside_sky(
+        &self,
+        from: &Vertex,
+        (wi, pdf): (Vec3A, f32),
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Leg {
+        self.follow_on::<BESIDE_SKY>((from, wi, pdf), None, None, sequence, rays)
+    }
+
+    fn follow_on<const HOW: u8>(
         &self,
         (from, wi, pdf): (&Vertex, Vec3A, f32),
         by_area: Option<&Responses>,
@@ -432,7 +452,11 @@ impl Kernel<'_> {
             }
             let Some(hit) = hit else {
                 let sky = through * self.lights.sky.radiance(wi);
-                let other = if ON_SURFACE { self.sky_density(from, wi) } else { 0.0 };
+                let other = match HOW {
+                    FROM_SURFACE => self.sky_density(from, wi),
+                    BESIDE_SKY => self.lights.sky.pdf(wi),
+                    _ => 0.0,
+                };
                 leg.emitted += sky
                     * match spread {
                         None => clear * balance(pdf, other),
@@ -443,8 +467,8 @@ impl Kernel<'_> {
             travelled += hit.t;
             leg.travelled = travelled;
             let met = self.encounter(&hit, wi);
-            if met.emits && (ON_SURFACE || !self.lights.emitters.is_grouped(hit.triangle)) {
-                let other = if ON_SURFACE {
+            if met.emits && (HOW == FROM_SURFACE || !self.lights.emitters.is_grouped(hit.triangle)) {
+                let other = if HOW == FROM_SURFACE {
                     self.lights.emitter_pdf(&self.emitter_receiver(from), hit.triangle, wi, travelled)
                 } else {
                     0.0

@@ -54,11 +54,37 @@ impl Kernel<'_> {
         sequence: &mut Sequence,
     ) -> Estimate {
         let mut out = Estimate::default();
-        let mut segments = Vec::new();
         out.direct = self.direct(start, part, true, None, sequence, &mut out.rays).sum();
-        let mut place = Place::Surface(*start);
-        let mut direction = Frame::new(start.shading_normal).to_world(square_to_cos_hemisphere(u));
-        let mut origin = start.ray(direction, f32::INFINITY).origin;
+        let direction = Frame::new(start.shading_normal).to_world(square_to_cos_hemisphere(u));
+        let origin = start.ray(direction, f32::INFINITY).origin;
+        self.wander(media, Place::Surface(*start), (origin, direction), sequence, &mut out);
+        out
+    }
+
+    /// Radiance that arrives at a place in the air from a direction, nits, but for what suns and lamps bring straight away.
+    pub(crate) fn arrives_through_media(
+        &self,
+        media: &Media,
+        ray: (Vec3A, Vec3A),
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> Rgb {
+        let mut out = Estimate::default();
+        self.wander(media, Place::Medium, ray, sequence, &mut out);
+        *rays += out.rays;
+        out.direct + out.indirect
+    }
+
+    /// A path from a place on in a direction.
+    fn wander(
+        &self,
+        media: &Media,
+        mut place: Place,
+        (mut origin, mut direction): (Vec3A, Vec3A),
+        sequence: &mut Sequence,
+        out: &mut Estimate,
+    ) {
+        let mut segments = Vec::new();
         let mut throughput = Vec3::ONE;
         let (mut reflections, mut travelled, mut layers) = (0u32, 0.0, 0u32);
         // Neither reflected nor scattered yet.
@@ -153,7 +179,6 @@ impl Kernel<'_> {
                 }
             }
         }
-        out
     }
 
     /// Light of lamps that is scattered once towards the ray's origin, nits.

@@ -13,6 +13,7 @@
 //! # Ok::<(), tables::format::manifest::ManifestError>(())
 //! ```
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use serde_json::{Map, Value};
 
@@ -59,7 +60,7 @@ pub enum ManifestError {
 }
 
 /// Contents of `manifest.json`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Manifest {
     /// [`FORMAT`].
     pub format: String,
@@ -99,9 +100,9 @@ pub struct Manifest {
     /// Light in participating media, where it was found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub light_grid: Option<LightGrid>,
-    /// Light probe sets; empty until there are any.
+    /// Volumes of light probes.
     #[serde(default)]
-    pub probes: Vec<Value>,
+    pub probes: Vec<Probes>,
     /// Every other file of the folder but the timings, by name; the only files a later bake into
     /// the same folder replaces or removes.
     #[serde(default)]
@@ -109,7 +110,7 @@ pub struct Manifest {
 }
 
 /// A program and its version.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Tool {
     /// Name.
     pub name: String,
@@ -118,7 +119,7 @@ pub struct Tool {
 }
 
 /// A file that was read.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Input {
     /// What it was read as, such as `scene`, `buffer`, `image`, `sky` or `config`.
     pub role: String,
@@ -131,7 +132,7 @@ pub struct Input {
 }
 
 /// One lightmap page.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Page {
     /// File name of the EXR.
     pub file: String,
@@ -159,7 +160,7 @@ pub struct Page {
 }
 
 /// Texels of about the same noise and how far their standard errors could be trusted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AuditClass {
     /// Greatest standard error before it was scaled, as a part of the texel's luminance.
     pub up_to: f64,
@@ -170,7 +171,7 @@ pub struct AuditClass {
 }
 
 /// Texels of a page that were gathered again without shortcuts, and what that said.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Audit {
     /// Texels by how noisy they are, from the smoothest to the noisiest.
     pub classes: Vec<AuditClass>,
@@ -181,7 +182,7 @@ pub struct Audit {
 }
 
 /// Standard errors over covered texels, before denoising.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ErrorFigure {
     /// Root of the mean squared standard error of luminance, nits (of `E / pi`).
     pub rms_std_err: f64,
@@ -193,7 +194,7 @@ pub struct ErrorFigure {
 }
 
 /// Where one surface's texels are.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Surface {
     /// glTF node index in the input.
     pub node: usize,
@@ -219,7 +220,7 @@ pub struct Surface {
 }
 
 /// A rectangle of texels.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Rect {
     /// Left-most column.
     pub x: u32,
@@ -245,7 +246,7 @@ impl Rect {
 }
 
 /// A rectangle in texture coordinates; (0, 0) is the top left of the page.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct UvRect {
     /// Top left.
     pub min: [f32; 2],
@@ -254,7 +255,7 @@ pub struct UvRect {
 }
 
 /// Light at the nodes of a lattice, a texture that fog shaders sample.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LightGrid {
     /// File name of the texture.
     pub file: String,
@@ -272,8 +273,73 @@ pub struct LightGrid {
     pub clamped: u64,
 }
 
+/// What coefficients of probes mean.
+pub const PROBE_CONVENTION: &str = "incident radiance in nits; real orthonormal spherical harmonics without the Condon-Shortley phase, index \
+     l(l+1)+m: 1, y, z, x, xy, yz, 3z^2-1, xz, x^2-y^2, ...; directions point away from the probe; zh3 has bands 0 and 1 and one \
+     coefficient of band 2 about the axis of the luminance of band 1";
+
+/// A volume of light probes.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Probes {
+    /// File name; its layout is that of `tables::probes`.
+    pub file: String,
+    /// `l1`, `l2`, `l3` or `zh3`.
+    pub basis: String,
+    /// Coefficients of a probe for each colour channel.
+    pub coefficients: usize,
+    /// [`PROBE_CONVENTION`].
+    pub convention: String,
+    /// First corner of the lattice, metres in the scene's axes.
+    pub origin: [f32; 3],
+    /// Side of its smallest cells, metres.
+    pub spacing: f32,
+    /// Its size along x, y and z in smallest bricks of 4 x 4 x 4 cells.
+    pub size: [u32; 3],
+    /// Sizes of bricks.
+    pub levels: u32,
+    /// Bricks.
+    pub bricks: usize,
+    /// Probes.
+    pub probes: usize,
+    /// Those in walls, which hold the light of their neighbours.
+    pub invalid: u64,
+    /// Those that were moved out of walls or off surfaces.
+    pub moved: u64,
+    /// Those of single regions of cells, which no corner of the lattice sees.
+    pub own: u64,
+    /// Those that were windowed so that no irradiance is negative.
+    pub windowed: u64,
+    /// Paths of each probe.
+    pub samples: u32,
+    /// Samples that were NaN or infinite and were replaced by black.
+    pub rejected_samples: u64,
+    /// Mean luminance over all directions and valid probes, nits.
+    pub mean_luminance: f64,
+    /// Standard errors of that, probe by probe.
+    pub error: ErrorFigure,
+    /// The same light in an even grid, for engines that take no bricks.
+    pub grid: ProbeGrid,
+}
+
+/// Light of probes in an even grid of voxels.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ProbeGrid {
+    /// File name of Bevy's irradiance volume: `E / pi` of six normals, nits.
+    pub irradiance_volume: String,
+    /// File name of the atlas of three.js' light probe grid: nine coefficients of radiance, nits.
+    pub harmonics: String,
+    /// Voxels along x, y and z; light is that of their centres.
+    pub size: [u32; 3],
+    /// Middle of the grid, metres in the scene's axes.
+    pub centre: [f32; 3],
+    /// Its edges along x, y and z, metres: the scale of an entity with a unit cube.
+    pub extent: [f32; 3],
+    /// Values too great for a half float, in both files.
+    pub clamped: u64,
+}
+
 /// One light and what was baked of it.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Light {
     /// Node names from the root.
     pub path: String,
@@ -284,7 +350,7 @@ pub struct Light {
 }
 
 /// Which part of a light was baked.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LightMode {
     /// Direct and indirect light.
@@ -297,7 +363,7 @@ pub enum LightMode {
 }
 
 /// What rays saw that left the scene.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Sky {
     /// No light.
@@ -329,7 +395,7 @@ pub enum Sky {
 }
 
 /// A finding about the input.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Finding {
     /// `note`, `warning` or `error`.
     pub severity: String,
@@ -342,7 +408,7 @@ pub struct Finding {
 }
 
 /// Paths per covered texel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Samples {
     /// Paths in all.
     pub total: u64,
@@ -355,7 +421,7 @@ pub struct Samples {
 }
 
 /// What had to be repaired or clamped.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Counts {
     /// Samples that were NaN or infinite and were replaced by black.
     pub rejected_samples: u64,
@@ -368,7 +434,7 @@ pub struct Counts {
 }
 
 /// A file of the folder.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct File {
     /// Name within the folder.
     pub name: String,
@@ -412,6 +478,14 @@ impl Manifest {
         write(self)
     }
 
+    /// JSON schema (draft 2020-12) of what [`Manifest::to_json`] writes, indented, with a final line break.
+    #[must_use]
+    pub fn schema() -> String {
+        let mut text = serde_json::to_string_pretty(&schemars::schema_for!(Self)).unwrap_or_default();
+        text.push('\n');
+        text
+    }
+
     /// Reads what [`Manifest::to_json`] wrote, by this or an earlier release.
     ///
     /// # Errors
@@ -431,7 +505,7 @@ impl Manifest {
 /// assert_eq!(Timings::from_json(&timings.to_json()?)?, timings);
 /// # Ok::<(), tables::format::manifest::ManifestError>(())
 /// ```
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Timings {
     /// [`TIMINGS_FORMAT`].
     pub format: String,
@@ -456,7 +530,7 @@ pub struct Timings {
 }
 
 /// What one stage took.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Stage {
     /// Name of the stage.
     pub name: String,

@@ -1,0 +1,186 @@
+//! The direction that the light of texels comes from: band 1 of spherical harmonics.
+//!
+//! A surface with a normal map asks a lightmap what it would hold for another normal. With bands 0 and 1 of the light from before a surface that is
+//! `E(n') / pi = a + s . n'`, s being the integral of radiance times direction over 2 pi (\[RH01\] Ramamoorthi & Hanrahan, "An Efficient Representation for Irradiance
+//! Environment Maps", SIGGRAPH 2001, with the clamped cosine's factors of bands 0 and 1). The lightmap already knows `E(n) / pi` much better than a first band could say,
+//! so what is kept of it is exact: `E(n') / pi = E(n) / pi + s . (n' - n)`. The part of s along n is half of `E(n) / pi` by itself; paths only have to find the other two.
+//!
+//! These paths are [`Kernel::sample_around`], those of light probes. What they find of s is taken over what they find of `E`, and times what the
+//! lightmap has: where light is uneven both have the same noise. And s is never so long across the
+//! normal that a normal within 60 degrees has a negative value; shaders take the greater of 0 and the value.
+
+use crate::error::Error;
+use crate::geom::texel::{TexelMap, TexelSampler};
+use crate::geom::world::luminance;
+use crate::sample::{Sequence, sequence};
+use crate::scene::model::Rgb;
+use crate::solve::accumulate::{Gate, Rejected};
+use crate::solve::lightmap::{Solution, Texel, vertex_of};
+use crate::solve::monitor::Monitor;
+use crate::transport::Kernel;
+use glam::{Vec3, Vec3A};
+use rayon::prelude::*;
+
+/// Random numbers belong to this domain and the page; see [`sequence::key`].
+const DOMAIN: u64 = 0x4449_0000;
+
+/// Texels of a task.
+const CHUNK: usize = 64;
+
+/// Samples, at most, that light straight from suns and lamps is part of.
+const STRAIGHT: u32 = 16;
+
+/// The vector s of the module's text for each colour channel, nits: its parts along x, y and z, each red, green and blue.
+pub type Direction = [Rgb; 3];
+
+/// Gathers `samples` paths for each texel of a solved page; one entry for each covered texel, zero where nothing is seen.
+///
+/// # Errors
+///
+/// [`Error::Interrupted`] when the monitor asks to stop.
+pub fn gather(
+    kernel: &Kernel<'_>,
+    map: &TexelMap,
+    page: usize,
+    (samples, seed): (u32, u64),
+    solution: &mut Solution,
+    monitor: &Monitor,
+) -> Result<Vec<Direction>, Error> {
+    let mut out = vec![Direction::default(); map.texels.len()];
+    let gates: Vec<Gate> = out
+        .par_chunks_mut(CHUNK)
+        .zip(solution.texels.par_chunks(CHUNK))
+        .enumerate()
+        .with_max_len(4)
+        .map_init(TexelSampler::default, |sampler, (chunk, (out, texels))| {
+            let (mut gate, mut rays) = (Gate::default(), 0);
+            for (k, (out, texel)) in out.iter_mut().zip(texels).enumerate() {
+                if monitor.stopped() {
+                    return gate;
+                }
+                let index = chunk * CHUNK + k;
+                sampler.set(map, index);
+                let key = sequence::key(seed, DOMAIN + page as u64, u64::from(map.texels[index]));
+                let at = Rejected { page, texel: map.texels[index], sample: 0 };
+                *out = of_texel(kernel, sampler, texel, samples, key, (&mut gate, at), &mut rays);
+            }
+            monitor.add(out.len() as u64 * u64::from(samples), u64::from(rays));
+            gate
+        })
+        .collect();
+    if monitor.stopped() {
+        return Err(Error::Interrupted);
+    }
+    solution.gate = gates.into_iter().fold(solution.gate, Gate::merge);
+    Ok(out)
+}
+
+fn of_texel(
+    kernel: &Kernel<'_>,
+    sampler: &TexelSampler,
+    texel: &Texel,
+    samples: u32,
+    key: u64,
+    (gate, at): (&mut Gate, Rejected),
+    rays: &mut u32,
+) -> Direction {
+    let mut sum = Direction::default();
+    // What these paths say of `E`, and the mean normal.
+    let (mut flat, mut normals) = (Vec3::ZERO, Vec3A::ZERO);
+    let step = (samples / STRAIGHT).max(1);
+    for i in 0..samples {
+        let mut sequence = Sequence::new(key, i);
+        let [a, b, c, d] = sequence.next4();
+        let Some(vertex) = vertex_of(kernel, sampler, texel, [a, b]) else { continue };
+        let n = vertex.shading_normal;
+        normals += n;
+        let p = vertex.position + vertex.geometric_normal * vertex.offset;
+        // The last stands for as many as are left.
+        let straight = (i % step == 0).then(|| step.min(samples - i) as f32);
+        let before = Some(vertex.geometric_normal);
+        kernel.sample_around(p, before, [c, d], straight, &mut sequence, rays, &mut |wi, light| {
+            let light = gate.admit(light, Rejected { sample: i, ..at });
+            let cos = wi.dot(n);
+            if 0.0 < cos {
+                flat += light * cos;
+                for (s, w) in sum.iter_mut().zip(wi.to_array()) {
+                    *s += light * w;
+                }
+            }
+        });
+    }
+    settle(sum, flat, normals.normalize_or_zero(), texel.value())
+}
+
+/// The vector of a texel whose `E / pi` is `value`, from sums of light times direction and of light times cosine over the same samples.
+fn settle(sum: Direction, flat: Rgb, n: Vec3A, value: Rgb) -> Direction {
+    if n == Vec3A::ZERO {
+        return Direction::default();
+    }
+    let mut out = Direction::default();
+    for c in 0..3 {
+        // The other channels say something of this one where it found nothing.
+        let (v, e) = if 0.0 < flat[c] {
+            (Vec3A::from(sum.map(|s| s[c])), flat[c])
+        } else {
+            (Vec3A::from(sum.map(luminance)), luminance(flat))
+        };
+        if e <= 0.0 {
+            continue;
+        }
+        // Half of the value along the normal, and across it as much of that as the samples say.
+        let across = (v - n * v.dot(n)) / e * (0.5 * value[c]);
+        let length = across.length();
+        let most = 0.5 * MOST * value[c];
+        let across = if most < length { across * (most / length) } else { across };
+        let s = n * (0.5 * value[c]) + across;
+        for (out, s) in out.iter_mut().zip(s.to_array()) {
+            out[c] = s;
+        }
+    }
+    out
+}
+
+/// Most of s across the normal, in halves of `E / pi`: for n' at an angle a from n the value is at least (1 + cos a - MOST sin a) / 2 times `E / pi`, which is 0 at
+/// 60 degrees for the root of 3.
+const MOST: f32 = 1.732_050_8;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f32::consts::PI;
+
+    /// Light of one direction at 60 degrees and of all directions, from the closed forms of their sums.
+    #[test]
+    fn vectors_of_known_lights() {
+        let n = Vec3A::Y;
+        // A beam of 1 lux: s is its direction over 2 pi.
+        let wi = Vec3A::new(0.6, 0.8, 0.0);
+        let beam = wi.to_array().map(Vec3::splat);
+        let s = settle(beam, Vec3::splat(0.8), n, Vec3::splat(0.8 / PI));
+        let want = wi / (2.0 * PI);
+        for (s, w) in s.iter().zip(want.to_array()) {
+            assert!((s.x - w).abs() < 1e-6, "{s} {w}");
+        }
+        // Even light of 1 nit: pi up, E = pi.
+        let even = [Vec3::ZERO, Vec3::splat(PI), Vec3::ZERO];
+        let s = settle(even, Vec3::splat(PI), n, Vec3::ONE);
+        assert!((s[1].x - 0.5).abs() < 1e-6 && s[0] == Vec3::ZERO, "{s:?}");
+        // A beam along the plane would make some normals negative.
+        let low = Vec3A::new(0.995, 0.0999, 0.0).to_array().map(Vec3::splat);
+        let s = settle(low, Vec3::splat(0.0999), n, Vec3::splat(0.0999 / PI));
+        assert!((s[0].x - MOST * s[1].x).abs() < 1e-6, "{s:?}");
+        let turned = Vec3A::new(-0.866_025_4, 0.5, 0.0);
+        let value = 0.0999 / PI + (0..3).map(|k| s[k].x * (turned - n)[k]).sum::<f32>();
+        assert!(value.abs() < 1e-6, "{value}");
+    }
+
+    #[test]
+    fn dark_channels_take_the_others_direction() {
+        let sum = [Vec3::new(1.0, 0.0, 0.0), Vec3::new(2.0, 0.0, 0.0), Vec3::ZERO];
+        let s = settle(sum, Vec3::new(2.0, 0.0, 0.0), Vec3A::Y, Vec3::new(1.0, 0.5, 0.0));
+        assert!((s[0].y / s[0].x - 0.5).abs() < 1e-6, "{s:?}");
+        assert_eq!(s[0].z, 0.0);
+        assert_eq!(settle(sum, Vec3::ZERO, Vec3A::Y, Vec3::ONE), Direction::default());
+    }
+}

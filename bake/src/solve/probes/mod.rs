@@ -1,0 +1,193 @@
+//! Light probes: where they are, which places see them, and what they hold.
+//!
+//! In this order: [`layout`] lays bricks of cells over the scene, small ones near surfaces; [`settle`] moves probes out of walls;
+//! [`occlude`] finds which probes see which part of the cells that surfaces pass through; [`gather`] follows the paths; [`Probing::finish`]
+//! gives probes in walls the light of their neighbours and takes ringing away.
+
+mod dilate;
+mod gather;
+mod layout;
+mod occlude;
+mod settle;
+
+use crate::error::Error;
+use crate::geom::world::luminance;
+use crate::solve::monitor::Monitor;
+use crate::transport::Kernel;
+use gather::Gathered;
+use glam::{Vec3, Vec3A};
+pub use layout::{Layout, Where};
+use rayon::prelude::*;
+use tables::probes::{Basis, Brick, Lattice, Light, NONE, Occlusion, Probe, ProbeVolume, least_window};
+
+/// Random numbers of probes belong to this domain and those behind it, one for each volume; see [`crate::sample::sequence::key`].
+const DOMAIN: u64 = 0x5052_0000;
+
+/// A probe that sees fewer fronts than this part of what it sees is in a wall.
+pub const VALID: f32 = 0.75;
+
+/// What is wanted of a volume.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wanted {
+    /// Where it is.
+    pub place: Where,
+    /// What is kept of the light.
+    pub basis: Basis,
+    /// Paths from each probe.
+    pub samples: u32,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Which of the volumes, for random numbers.
+    pub number: u64,
+}
+
+/// A volume whose places are known and whose light is not.
+#[derive(Debug)]
+pub struct Probing {
+    wanted: Wanted,
+    lattice: Lattice,
+    index: Vec<u32>,
+    bricks: Vec<Brick>,
+    occlusions: Vec<Occlusion>,
+    /// Metres, relative to the world's origin, and validity.
+    places: Vec<(Vec3A, f32)>,
+    /// Probes of the lattice; those of single regions are behind them.
+    on_lattice: usize,
+    moved: usize,
+}
+
+/// What is said of a volume.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Figures {
+    /// Probes in walls.
+    pub invalid: u64,
+    /// Probes that were moved out of walls or off surfaces.
+    pub moved: u64,
+    /// Probes of single regions of cells.
+    pub own: u64,
+    /// Probes that needed a window against ringing.
+    pub windowed: u64,
+    /// Samples that were not finite.
+    pub rejected: u64,
+    /// Mean luminance over all directions and valid probes, nits.
+    pub mean_luminance: f64,
+    /// Root of the mean squared standard error of that, nits.
+    pub rms_std_err: f64,
+    /// Greatest of them, nits.
+    pub max_std_err: f64,
+}
+
+impl Probing {
+    /// Lays out a volume and finds what its probes see; `None` if there is no air in it. Rays are counted by `monitor`.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Interrupted`] when the monitor asks to stop.
+    pub fn new(kernel: &Kernel<'_>, wanted: Wanted, monitor: &Monitor) -> Result<Option<Self>, Error> {
+        let Some(layout) = Layout::new(kernel.world, wanted.place) else { return Ok(None) };
+        let settled: Vec<settle::Settled> = layout
+            .nodes
+            .par_iter()
+            .with_min_len(16)
+            .map(|n| settle::settle(kernel, layout.place(n.at), n.reach, monitor))
+            .collect();
+        if monitor.stopped() {
+            return Err(Error::Interrupted);
+        }
+        let moved = settled.iter().filter(|s| s.moved).count();
+        let mut places: Vec<(Vec3A, f32)> = settled.iter().map(|s| (s.place, s.validity)).collect();
+        let on_lattice = places.len();
+        let cells = occlude::occlude(kernel, &layout, &settled, monitor)?;
+        let mut bricks = layout.bricks;
+        let mut occlusions = Vec::new();
+        for (brick, cells) in bricks.iter_mut().zip(cells) {
+            for (slot, cell) in cells.list {
+                brick.cells[slot] = number(occlusions.len());
+                let mut occlusion = cell.occlusion;
+                for (own, place) in occlusion.own.iter_mut().zip(cell.own) {
+                    if let Some(place) = place {
+                        *own = number(places.len());
+                        places.push((place, 1.0));
+                    }
+                }
+                occlusions.push(occlusion);
+            }
+        }
+        let origin = (Vec3::from(layout.origin) + kernel.world.origin).to_array();
+        let lattice =
+            Lattice { origin, spacing: layout.spacing, size: layout.size.to_array(), levels: layout.levels };
+        Ok(Some(Self { wanted, lattice, index: layout.index, bricks, occlusions, places, on_lattice, moved }))
+    }
+
+    /// Paths that gathering will take.
+    #[must_use]
+    pub fn paths(&self) -> u64 {
+        self.places.iter().filter(|p| VALID <= p.1).count() as u64 * u64::from(self.wanted.samples)
+    }
+
+    /// Gathers the light.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Interrupted`] when the monitor asks to stop.
+    pub fn finish(self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<(ProbeVolume, Figures), Error> {
+        let Wanted { basis, samples, seed, number, .. } = self.wanted;
+        let gathered: Vec<Option<Gathered>> = self
+            .places
+            .par_iter()
+            .enumerate()
+            .with_max_len(16)
+            .map(|(i, (place, validity))| {
+                let wanted = VALID <= *validity && !monitor.stopped();
+                let key = crate::sample::sequence::key(seed, DOMAIN + number, i as u64);
+                wanted.then(|| gather::gather(kernel, *place, samples, key, monitor))
+            })
+            .collect();
+        if monitor.stopped() {
+            return Err(Error::Interrupted);
+        }
+        let mut figures = Figures {
+            invalid: gathered.iter().filter(|g| g.is_none()).count() as u64,
+            moved: self.moved as u64,
+            own: (self.places.len() - self.on_lattice) as u64,
+            rejected: gathered.iter().flatten().map(|g| g.rejected).sum(),
+            ..Figures::default()
+        };
+        let mut light: Vec<Option<Light>> =
+            gathered.iter().map(|g| g.as_ref().map(|g| Light::project(basis, &g.light))).collect();
+        dilate::dilate(&self.bricks, &mut light);
+        let origin = kernel.world.origin;
+        let mut squares = 0.0;
+        let mut probes = Vec::with_capacity(light.len());
+        for (((place, validity), light), gathered) in self.places.iter().zip(light).zip(&gathered) {
+            let (window, light) = least_window(&light.unwrap_or(Light::black(basis)));
+            let std_err = gathered.as_ref().map_or(0.0, |g| g.std_err);
+            if gathered.is_some() {
+                figures.windowed += u64::from(0.0 < window);
+                figures.mean_luminance += f64::from(mean_luminance(&light));
+                squares += f64::from(std_err).powi(2);
+                figures.max_std_err = figures.max_std_err.max(f64::from(std_err));
+            }
+            let position = (Vec3::from(*place) + origin).to_array();
+            probes.push(Probe { position, light, std_err, validity: *validity, window });
+        }
+        let n = gathered.iter().flatten().count().max(1) as f64;
+        figures.mean_luminance /= n;
+        figures.rms_std_err = (squares / n).sqrt();
+        let Self { lattice, index, bricks, occlusions, .. } = self;
+        Ok((ProbeVolume { basis, lattice, index, bricks, occlusions, probes }, figures))
+    }
+}
+
+/// Mean luminance over all directions, nits.
+fn mean_luminance(light: &Light) -> f32 {
+    // The first basis function is 1 / sqrt(4 pi).
+    luminance(Vec3::from(light.coefficients()[0])) * 0.282_094_8
+}
+
+/// Numbers of probes and bricks, of which there are fewer than 2^32.
+#[expect(clippy::cast_possible_truncation, reason = "memory holds fewer")]
+fn number(n: usize) -> u32 {
+    debug_assert!(n < NONE as usize);
+    n as u32
+}

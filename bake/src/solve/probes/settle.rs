@@ -1,0 +1,92 @@
+//! Moves probes out of walls and off surfaces.
+
+use super::VALID;
+use crate::solve::light_grid::directions;
+use crate::solve::monitor::Monitor;
+use crate::transport::Kernel;
+use glam::Vec3A;
+use std::sync::LazyLock;
+
+/// Rays that look around from each probe.
+const LOOKS: u32 = 32;
+
+static DIRECTIONS: LazyLock<Vec<Vec3A>> = LazyLock::new(|| directions(LOOKS));
+
+/// How far off surfaces probes keep, parts of a cell.
+const CLEAR: f32 = 0.05;
+
+/// How far a probe may be moved, parts of a cell.
+const FAR: f32 = 1.0;
+
+/// Ways out of a wall that are tried.
+const TRIES: usize = 6;
+
+/// Where a probe came to lie.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Settled {
+    /// Metres relative to the world's origin.
+    pub(super) place: Vec3A,
+    /// See [`tables::probes::Probe::validity`].
+    pub(super) validity: f32,
+    pub(super) moved: bool,
+}
+
+/// What a place sees.
+struct Around {
+    validity: f32,
+    /// Nearest surface that shows its front or both sides: direction and distance.
+    nearest: Option<(Vec3A, f32)>,
+    /// Places before the backs that were met, from the nearest on.
+    ways_out: Vec<(f32, Vec3A)>,
+}
+
+fn look(kernel: &Kernel<'_>, p: Vec3A, reach: f32) -> Around {
+    let mut around = Around { validity: 1.0, nearest: None, ways_out: Vec::new() };
+    let mut backs = 0;
+    for d in DIRECTIONS.iter() {
+        let Some(met) = kernel.meets(p, *d) else { continue };
+        if met.front || met.double_sided {
+            if around.nearest.is_none_or(|(_, t)| met.distance < t) {
+                around.nearest = Some((*d, met.distance));
+            }
+        } else {
+            backs += 1;
+            if met.distance < FAR * reach {
+                let out = p + *d * met.distance + met.normal * (CLEAR * reach);
+                around.ways_out.push((met.distance, out));
+            }
+        }
+    }
+    around.ways_out.sort_by(|a, b| a.0.total_cmp(&b.0));
+    around.validity = 1.0 - backs as f32 / LOOKS as f32;
+    around
+}
+
+/// The place of a probe that the lattice wants at `p`, among cells `reach` metres wide.
+pub(super) fn settle(kernel: &Kernel<'_>, p: Vec3A, reach: f32, monitor: &Monitor) -> Settled {
+    let here = look(kernel, p, reach);
+    let mut looks = 1;
+    let mut settled = Settled { place: p, validity: here.validity, moved: false };
+    if VALID <= here.validity {
+        if let Some((d, t)) = here.nearest.filter(|(_, t)| *t < CLEAR * reach) {
+            let off = p - d * (CLEAR * reach - t);
+            looks += 1;
+            let there = look(kernel, off, reach);
+            let clearer = there.nearest.is_none_or(|(_, u)| t < u);
+            if VALID <= there.validity && clearer && kernel.sees(p, off) {
+                settled = Settled { place: off, validity: there.validity, moved: true };
+            }
+        }
+    } else {
+        for (_, out) in here.ways_out.iter().take(TRIES) {
+            looks += 1;
+            let there = look(kernel, *out, reach);
+            if VALID <= there.validity {
+                settled = Settled { place: *out, validity: there.validity, moved: true };
+                break;
+            }
+        }
+    }
+    monitor.add(0, u64::from(looks * LOOKS));
+    settled
+}
