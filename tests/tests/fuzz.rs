@@ -324,6 +324,7 @@ fn attempt(name: &str, bytes: &[u8], folder: Option<&Path>, config: Option<&str>
         seed: 1,
         irradiance_cache: false,
         split_direct: false,
+        texture: None,
     };
     let Ok(plan) = plan::make(scene, findings, settings, &|_, _| true) else { return "plan refused" };
     assert!(plan.memory(&document).peak() < 1 << 36, "a plan of a small file that states absurd memory");

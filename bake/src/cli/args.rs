@@ -117,6 +117,9 @@ pub(crate) struct SettingsArgs {
     /// Also write the direction that light comes from, for normal maps: SH of band 1, with half as many paths as texels have
     #[arg(long)]
     pub(crate) directional: bool,
+    /// What GPU-ready textures beside the EXRs hold [default: bc6h]
+    #[arg(long, value_enum)]
+    pub(crate) texture: Option<TextureArg>,
     /// Seed of all random numbers [default: 0]
     #[arg(long, value_name = "N")]
     pub(crate) seed: Option<u64>,
@@ -372,6 +375,16 @@ pub(crate) enum DirectArg {
     /// Adaptive tree splitting, to compare with
     #[cfg(feature = "comparison")]
     Splitting,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum TextureArg {
+    /// One byte a texel, with loss
+    Bc6h,
+    /// Eight bytes a texel, half floats
+    Rgba16f,
+    /// No textures
+    None,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -8,7 +8,7 @@ use crate::error::{Error, Finding};
 use crate::geom::texel::TexelMap;
 use crate::output::folder::Staging;
 use crate::output::page::{Page, PageStats};
-use crate::output::{self, assemble, exr, preview, record, scene_glb, view};
+use crate::output::{self, assemble, exr, preview, record, scene_glb, texture, view};
 use crate::plan::settings::{Probes, Sampling};
 use crate::plan::{self, Plan};
 use crate::solve::accumulate::Gate;
@@ -229,8 +229,9 @@ impl Job<'_> {
             exr::write_page(&self.staging.path(&record::page_file(number)), &page)?;
             preview::write_page(&self.staging.path(&record::preview_file(number)), &page, self.exposure)?;
             preview::write_error(&self.staging.path(&record::error_file(number)), &page)?;
+            let texture = self.texture(number, &page)?;
             let stats = PageStats::of(&page);
-            baked.figures.push(record::PageFigures { stats, filled, samples, rounds, audit });
+            baked.figures.push(record::PageFigures { stats, filled, samples, rounds, audit, texture });
             page.std_err = Vec::new();
             (page.direct, page.indirect, page.sh1) = (None, None, None);
             baked.pages.push(page);
@@ -257,6 +258,23 @@ impl Job<'_> {
         })?;
         self.watch.lap("directions");
         Ok(Some(found))
+    }
+
+    /// Writes the texture of a page if one is wanted, and says what it cannot hold.
+    fn texture(&self, number: usize, page: &Page) -> Result<Option<texture::Figures>, Error> {
+        let settings = self.plan.settings();
+        let Some(format) = settings.texture else { return Ok(None) };
+        let name = record::texture_file(number);
+        let figures = texture::write_page(&self.staging.path(&name), page, settings.padding, format)?;
+        if 0 < figures.overflows {
+            let what = format!(
+                "{} values exceed 65504 nits, the greatest half float, and are clamped",
+                figures.overflows
+            );
+            let fix = "dim the lights and raise the exposure in the engine, or take the EXR";
+            say::findings(&[Finding::warning(name, what, fix)], false);
+        }
+        Ok(Some(figures))
     }
 
     /// When sampling of a page has to end: its share of what a time budget leaves beside what comes after.

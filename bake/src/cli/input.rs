@@ -2,13 +2,13 @@
 
 use crate::cli::args::{
     DirectArg, GridArgs, LightUnitsArg, MediaArg, OnOff, ProbeArgs, ProbesArg, QualityArg, SceneArgs,
-    SettingsArgs, UnwrapArg,
+    SettingsArgs, TextureArg, UnwrapArg,
 };
 use crate::cli::say;
 use crate::error::{Error, Finding};
 use crate::geom::atlas::{Engine, Unwrap};
 use crate::light::Direct;
-use crate::plan::settings::{Fineness, Probes, Sampling};
+use crate::plan::settings::{Fineness, Probes, Sampling, TextureFormat};
 use crate::plan::{MediaMode, Quality, Settings, Tracing};
 use crate::scene::config::{Config, RunConfig};
 use crate::scene::document::Document;
@@ -269,6 +269,11 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
         (None, Some(text)) => word(text, "run.unwrap")?,
         (None, None) => UnwrapArg::Auto,
     };
+    let texture = match (args.texture, &run.texture) {
+        (Some(t), _) => t,
+        (None, Some(text)) => word(text, "run.texture")?,
+        (None, None) => TextureArg::Bc6h,
+    };
     let media = media(args.media, run, scene)?;
     let quality = self::quality(quality);
     let texels_per_metre = args.texels_per_metre.or(run.texels_per_metre).or(scene.texels_per_metre);
@@ -305,6 +310,11 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
         seed: args.seed.or(run.seed).unwrap_or(0),
         irradiance_cache: args.irradiance_cache == OnOff::On,
         split_direct: args.split_direct,
+        texture: match texture {
+            TextureArg::Bc6h => Some(TextureFormat::Bc6h),
+            TextureArg::Rgba16f => Some(TextureFormat::Rgba16f),
+            TextureArg::None => None,
+        },
     })
 }
 

@@ -4,9 +4,14 @@
 //! the standard error of the mean, `direct.*` and `indirect.*` the two parts of the light where
 //! they were asked for. Zip compression; channels are read from the page in place while writing.
 
-use std::{fs::File, io, path::Path};
+use std::{
+    fs::File,
+    io::{self, BufReader},
+    path::Path,
+};
 
 use exr::{
+    block::{UncompressedBlock, chunk::Chunk, reader::ChunksReader},
     image::write::samples::{SamplesWriter, WritableSamples},
     math::{RoundingMode, Vec2},
     meta::{
@@ -37,7 +42,7 @@ const REC709: Chromaticities = Chromaticities {
 
 /// Writes a page; equal pages give equal bytes at any number of threads.
 ///
-/// A debug build reads the file back and compares every bit.
+/// The file is read back and every bit compared.
 ///
 /// # Errors
 /// [`Error::Usage`] if a layer is not `width * height` texels or the page is empty, [`Error::Io`] if
@@ -52,7 +57,7 @@ pub fn write_page(path: &Path, page: &Page) -> Result<()> {
         )));
     }
     write_planes(path, page.width, page.height, planes_of(page))?;
-    if cfg!(debug_assertions) { verify(path, page) } else { Ok(()) }
+    verify(path, page)
 }
 
 /// Writes linear colours as `R G B`, 32-bit float; for difference pictures and views.
@@ -64,7 +69,8 @@ pub fn write_rgb(path: &Path, width: usize, height: usize, pixels: &[[f32; 3]]) 
         let got = pixels.len();
         return Err(Error::Usage(format!("{}: {got} pixels are not {width} x {height}", path.display())));
     }
-    let planes = ["R", "G", "B"].into_iter().enumerate();
+    // In the order of their names.
+    let planes = [(2, "B"), (1, "G"), (0, "R")].into_iter();
     write_planes(
         path,
         width,
@@ -90,6 +96,7 @@ impl Plane<'_> {
     }
 }
 
+/// Channels in the order of their names, as OpenEXR wants them.
 fn planes_of(page: &Page) -> Vec<(String, Plane<'_>)> {
     let mut planes = vec![("A".to_owned(), Plane::Scalar(&page.coverage))];
     for (prefix, layer) in page.light_layers().chain([("stderr", &page.std_err)]) {
@@ -98,20 +105,14 @@ fn planes_of(page: &Page) -> Vec<(String, Plane<'_>)> {
             planes.push((name, Plane::Color(layer, channel)));
         }
     }
+    planes.sort_by(|(a, _), (b, _)| a.cmp(b));
     planes
 }
 
-fn write_planes(
-    path: &Path,
-    width: usize,
-    height: usize,
-    mut planes: Vec<(String, Plane<'_>)>,
-) -> Result<()> {
+fn write_planes(path: &Path, width: usize, height: usize, planes: Vec<(String, Plane<'_>)>) -> Result<()> {
     if width == 0 || height == 0 {
         return Err(Error::Usage(format!("{}: an image of {width} x {height} pixels", path.display())));
     }
-    // OpenEXR wants channels in the order of their names.
-    planes.sort_by(|(a, _), (b, _)| a.cmp(b));
     let list = planes.into_iter().map(|(name, plane)| AnyChannel {
         name: text(&name),
         sample_data: Samples { width, plane },
@@ -247,25 +248,51 @@ pub fn read(path: &Path) -> Result<Exr> {
     Ok(Exr { width: layer.size.width(), height: layer.size.height(), channels: channels.collect(), unit })
 }
 
-/// Reads a page back and compares every bit.
+/// Reads a page back, a block for each thread at a time, and compares every bit.
 fn verify(path: &Path, page: &Page) -> Result<()> {
-    let back = read(path)?;
-    let same = |name: &str, plane: Plane<'_>| {
-        back.channel(name).is_some_and(|channel| {
-            channel.values.iter().enumerate().all(|(i, v)| v.to_bits() == plane.at(i).to_bits())
-        })
+    let (width, height, planes) = (page.width, page.height, planes_of(page));
+    let wrong = |channel: &str| {
+        let what = format!("the file does not hold what was written (channel {channel})");
+        Error::Io { path: path.to_owned(), doing: "cannot verify", source: io::Error::other(what) }
     };
-    let planes = planes_of(page);
-    let wrong = planes.iter().find(|(name, plane)| !same(name, *plane)).map(|(name, _)| name.as_str());
-    if (back.width, back.height) != (page.width, page.height) || wrong.is_some() {
-        let what = format!("the file does not hold what was written (channel {})", wrong.unwrap_or("sizes"));
-        return Err(Error::Io {
-            path: path.to_owned(),
-            doing: "cannot verify",
-            source: io::Error::other(what),
-        });
+    let broken = |e| failure(path, "cannot verify", e);
+    let file = File::open(path).map_err(Error::io(path, "cannot verify"))?;
+    let reader = exr::block::read(BufReader::new(file), true).map_err(broken)?;
+    let mut chunks = reader.all_chunks(true).map_err(broken)?;
+    let meta = chunks.meta_data().clone();
+    let header = &meta.headers[0];
+    let names = header.channels.list.iter().map(|c| (c.name.to_string(), c.sample_type));
+    let named = names.eq(planes.iter().map(|(name, _)| (name.clone(), SampleType::F32)));
+    if meta.headers.len() != 1 || header.layer_size != Vec2(width, height) || !named {
+        return Err(wrong("sizes"));
     }
-    Ok(())
+    let mut lines = 0;
+    loop {
+        let some =
+            chunks.by_ref().take(rayon::current_num_threads()).collect::<exr::error::Result<Vec<Chunk>>>();
+        let some = some.map_err(broken)?;
+        if some.is_empty() {
+            break;
+        }
+        let compare = |chunk: Chunk| {
+            let block = UncompressedBlock::decompress_chunk(chunk, &meta, true).map_err(broken)?;
+            let mut n = 0;
+            for line in block.lines(&header.channels) {
+                let (name, plane) = &planes[line.location.channel];
+                let start = line.location.position.y() * width + line.location.position.x();
+                let mut values = line.value.as_chunks::<4>().0.iter().enumerate();
+                let same = |(i, bytes): (usize, &[u8; 4])| *bytes == plane.at(start + i).to_ne_bytes();
+                if line.location.sample_count != width || !values.all(same) {
+                    return Err(wrong(name));
+                }
+                n += 1;
+            }
+            Ok(n)
+        };
+        let counts = some.into_par_iter().map(compare).collect::<Result<Vec<usize>>>()?;
+        lines += counts.iter().sum::<usize>();
+    }
+    if lines == height * planes.len() { Ok(()) } else { Err(wrong("rows")) }
 }
 
 fn failure(path: &Path, doing: &'static str, e: exr::error::Error) -> Error {

@@ -29,9 +29,9 @@
 //! }
 //! ```
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::output::folder::Staging;
-use crate::output::ktx::{self, Half};
+use crate::output::ktx::{self, Half, Packing, Texels};
 use crate::scene::model::Rgb;
 use crate::transport::light_grid::{COEFFICIENTS, LightGrid};
 use glam::{UVec3, Vec3};
@@ -60,7 +60,10 @@ pub fn write(
     let depth = slices * BLOCKS;
     // Right, up and out of the screen is how glTF's axes point.
     let texts = [("KTXorientation", "ruo"), ("KTXwriter", concat!("bake ", env!("CARGO_PKG_VERSION")))];
-    staging.write(FILE, ktx::volume([size.x, size.y, depth], &texels, &texts))?;
+    let texels = Texels::Rgba16f(&texels);
+    let file = ktx::volume([size.x, size.y, depth], texels, Packing::Stored, &texts)
+        .map_err(Error::io(staging.path(FILE), "cannot write"))?;
+    staging.write(FILE, file)?;
     Ok(manifest::LightGrid {
         file: FILE.to_owned(),
         size: size.to_array(),

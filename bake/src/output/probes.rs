@@ -12,9 +12,9 @@
 //!   last slice of each block twice. Coefficients follow one another through the channels: block 0 has coefficient 0 and red of coefficient 1, block 1 its green and blue
 //!   and red and green of coefficient 2, and so on; the last channel is 0.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::output::folder::Staging;
-use crate::output::ktx::{self, Half};
+use crate::output::ktx::{self, Half, LEVEL, Packing, Texels};
 use crate::solve::probes::Figures;
 use glam::{UVec3, Vec3};
 use half::f16;
@@ -77,13 +77,15 @@ fn grid(staging: &Staging, stem: &str, volume: &ProbeVolume) -> Result<manifest:
     let mut half = Half::default();
     // Right, up and out of the screen is how glTF's axes point.
     let texts = [("KTXorientation", "ruo"), ("KTXwriter", concat!("bake ", env!("CARGO_PKG_VERSION")))];
+    let mut put = |file: &str, size: [u32; 3], texels: &[[f16; 4]]| {
+        let bytes = ktx::volume(size, Texels::Rgba16f(texels), Packing::Zstd(LEVEL), &texts);
+        staging.write(file, bytes.map_err(Error::io(file, "cannot pack"))?)
+    };
     let irradiance_volume = format!("{stem}.vxgi.ktx2");
-    let texels = voxels.ambient_cubes(&mut half);
-    staging.write(&irradiance_volume, ktx::volume([size.x, 2 * size.y, 3 * size.z], &texels, &texts))?;
+    put(&irradiance_volume, [size.x, 2 * size.y, 3 * size.z], &voxels.ambient_cubes(&mut half))?;
     let harmonics = format!("{stem}.three.ktx2");
-    let texels = voxels.atlas(&mut half);
     let depth = (size.z + 2) * BLOCKS as u32;
-    staging.write(&harmonics, ktx::volume([size.x, size.y, depth], &texels, &texts))?;
+    put(&harmonics, [size.x, size.y, depth], &voxels.atlas(&mut half))?;
     Ok(manifest::ProbeGrid {
         irradiance_volume,
         harmonics,

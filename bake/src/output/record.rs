@@ -4,6 +4,7 @@ use crate::error::Finding;
 use crate::geom::atlas::Unwrap;
 use crate::output::dilate::Filled;
 use crate::output::page::PageStats;
+use crate::output::texture;
 use crate::plan::Plan;
 use crate::scene::document::InputFile;
 use crate::scene::model::{LightKind, LightMode, Sky};
@@ -14,6 +15,12 @@ use tables::format::manifest::{self, Counts, Input, Manifest, Rect, Samples};
 #[must_use]
 pub fn page_file(n: usize) -> String {
     format!("lightmap-{n}.exr")
+}
+
+/// GPU-ready texture of page `n`.
+#[must_use]
+pub fn texture_file(n: usize) -> String {
+    format!("lightmap-{n}.ktx2")
 }
 
 /// Tone-mapped picture of page `n`.
@@ -41,6 +48,8 @@ pub struct PageFigures {
     pub rounds: Vec<f32>,
     /// What the audit said.
     pub audit: Option<crate::solve::audit::Audit>,
+    /// What its texture holds, if there is one.
+    pub texture: Option<texture::Figures>,
 }
 
 /// The manifest of a finished bake; the files themselves are listed by the folder.
@@ -69,7 +78,7 @@ pub fn manifest(plan: &Plan, inputs: &[InputFile], pages: &[PageFigures], gate: 
     m.error = total.error();
     m.counts = Counts {
         rejected_samples: gate.rejected,
-        half_overflows: 0,
+        half_overflows: pages.iter().filter_map(|p| p.texture).map(|t| t.overflows).sum(),
         filled_texels: pages.iter().map(|p| p.filled.filled).sum(),
         black_charts: pages.iter().map(|p| p.filled.black_charts).sum(),
     };
@@ -78,10 +87,12 @@ pub fn manifest(plan: &Plan, inputs: &[InputFile], pages: &[PageFigures], gate: 
 
 fn page(plan: &Plan, number: usize, figures: &PageFigures) -> manifest::Page {
     let size = plan.atlas().pages[number];
+    let texture = figures.texture.zip(plan.settings().texture);
     manifest::Page {
         file: page_file(number),
         preview: Some(preview_file(number)),
-        texture: None,
+        texture: texture.map(|_| texture_file(number)),
+        texture_figures: texture.map(|(figures, format)| figures.record(format)),
         width: size.width,
         height: size.height,
         texels_per_metre: plan.atlas().texels_per_metre,

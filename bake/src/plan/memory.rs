@@ -118,6 +118,12 @@ const PER_COVERED_IMAGE: u64 = 8;
 /// Rows that an EXR compresses together.
 const EXR_ROWS: u64 = 16;
 
+/// What packing and unpacking a texture need: tables and windows.
+const TEXTURE: u64 = 12 << 20;
+
+/// Texels of a row of those 256 rows of a texture that are made at once, with their pieces.
+const TEXTURE_ROW: u64 = 2 * 256 * 8;
+
 /// The preview picture of 540 rows in the usual format of 16:9: radiance (12) and, one after the
 /// other, luminances (8) or bytes and their compressed form (6) for each pixel.
 const PICTURE: u64 = 960 * 540 * 20;
@@ -158,9 +164,9 @@ impl Memory {
             // The EXR library holds a block for each thread and two more, raw, sorted and compressed.
             let blocks = (rayon::current_num_threads() as u64 + 2) * 3 * EXR_ROWS * load.width * per_texel;
             let images = PER_TEXEL_IMAGE * load.texels + PER_COVERED_IMAGE * load.covered;
-            // A debug build holds the file that it reads back beside the page.
-            let read_back = if cfg!(debug_assertions) { per_texel * load.texels } else { 0 };
-            let written = per_texel * load.texels + images.max(blocks + read_back);
+            let texture =
+                if plan.settings().texture.is_some() { TEXTURE + TEXTURE_ROW * load.width } else { 0 };
+            let written = per_texel * load.texels + images.max(blocks).max(texture);
             gather = gather.max(kept + solved);
             write = write.max(kept + assembled.max(dilated).max(written));
             kept += PER_TEXEL_KEPT * load.texels;

@@ -157,6 +157,26 @@ impl MediaMode {
     }
 }
 
+/// What `lightmap-N.ktx2` holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TextureFormat {
+    /// `BC6H_UFLOAT_BLOCK`: a byte a texel, with loss, no negative values.
+    Bc6h,
+    /// `R16G16B16A16_SFLOAT`: eight bytes a texel, half floats.
+    Rgba16f,
+}
+
+impl TextureFormat {
+    /// Name on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Bc6h => "bc6h",
+            Self::Rgba16f => "rgba16f",
+        }
+    }
+}
+
 /// Resolved settings of a bake.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
@@ -194,6 +214,8 @@ pub struct Settings {
     pub irradiance_cache: bool,
     /// Whether direct and indirect light are also written apart.
     pub split_direct: bool,
+    /// Format of textures beside the EXRs; `None`: there are none.
+    pub texture: Option<TextureFormat>,
 }
 
 impl Settings {
@@ -277,6 +299,7 @@ impl Settings {
             ("probe_samples", json!(self.probes.map(|p| p.samples))),
             ("directional", json!(self.directional)),
             ("split_direct", json!(self.split_direct)),
+            ("texture", json!(self.texture.map_or("none", TextureFormat::name))),
         ];
         pairs.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
     }

@@ -60,6 +60,7 @@ pub struct RunConfig {
     pub threads: Option<u32>,
     pub progress: Option<String>,
     pub output: Option<String>,
+    pub texture: Option<String>,
 }
 
 /// Words about the scene as a whole.
@@ -363,6 +364,7 @@ impl RunConfig {
         let direct = word("direct", &["auto", "all", "lightcuts", "grid", "published"]);
         let denoise = word("denoise", &["off", "draft", "final"]);
         let probes = word("probes", &["off", "l1", "l2", "l3", "zh3"]);
+        let texture = word("texture", &["bc6h", "rgba16f", "none"]);
         let light_units = word("light_units", &["gltf", "blender-raw", "blender-unitless"]);
         let progress = word("progress", &["auto", "plain", "json", "none"]);
         let mut integer = |key, least: u64, most: u64| {
@@ -417,6 +419,7 @@ impl RunConfig {
             threads,
             progress,
             output: t.text("output", out),
+            texture,
         };
         t.finish(false, "", out);
         run

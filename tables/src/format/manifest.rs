@@ -142,6 +142,9 @@ pub struct Page {
     /// File name of the GPU-ready texture, where there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub texture: Option<String>,
+    /// What that texture holds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub texture_figures: Option<Texture>,
     /// Texels per row.
     pub width: u32,
     /// Rows.
@@ -157,6 +160,25 @@ pub struct Page {
     /// How the standard errors were checked; none where too few texels are lit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub audit: Option<Audit>,
+}
+
+/// A GPU-ready texture in comparison with the EXR of its page.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Texture {
+    /// `bc6h_ufloat` or `rgba16f`.
+    pub format: String,
+    /// Length of the file.
+    pub bytes: u64,
+    /// Root mean squared difference of the three channels over covered texels, nits.
+    pub rmse: f64,
+    /// `rmse` over the page's mean luminance; absent where that is zero.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub relative_rmse: Option<f64>,
+    /// Root mean squared difference of ln(luminance + a thousandth of its mean) over covered texels; absent where the mean is zero.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub log_rmse: Option<f64>,
+    /// Values that the format cannot hold: beyond 65504 nits, not a number, or below 0 where it has no sign.
+    pub clamped: u64,
 }
 
 /// Texels of about the same noise and how far their standard errors could be trusted.
@@ -631,7 +653,15 @@ mod tests {
         m.pages.push(Page {
             file: "lightmap-0.exr".into(),
             preview: Some("lightmap-0.png".into()),
-            texture: None,
+            texture: Some("lightmap-0.ktx2".into()),
+            texture_figures: Some(Texture {
+                format: "bc6h_ufloat".into(),
+                bytes: 9,
+                rmse: 0.25,
+                relative_rmse: Some(2.5),
+                log_rmse: None,
+                clamped: 3,
+            }),
             width: 512,
             height: 256,
             texels_per_metre: 12.3,
