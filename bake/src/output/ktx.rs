@@ -361,8 +361,7 @@ fn pieces<T>(out: &mut dyn Write, list: &[T], bytes: impl Fn(&T) -> Vec<u8>) -> 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 2^9, and not below 0")]
 pub fn rgb9e5(rgb: [f32; 3]) -> u32 {
     const GREATEST: f32 = 65408.0;
-    // `max` takes the other side of a NaN.
-    let rgb = rgb.map(|c| c.max(0.0).min(GREATEST));
+    let rgb = rgb.map(|c| if 0.0 < c { c.min(GREATEST) } else { 0.0 });
     let greatest = rgb[0].max(rgb[1]).max(rgb[2]);
     // The exponent of a float is in its bits; those below 2^-16 share the least one.
     let exponent = ((greatest.to_bits() >> 23) as i32 - 127).max(-16) + 16;

@@ -9,7 +9,7 @@ use super::Plan;
 use crate::geom::atlas::{Atlas, Layout, NO_CHART};
 use crate::geom::cells;
 use crate::geom::world::World;
-use crate::plan::settings::Sampling;
+use crate::plan::settings::{Sampling, TextureFormat};
 use crate::scene::document::Document;
 use crate::scene::model::{Image, Mesh};
 use glam::Vec2;
@@ -118,11 +118,11 @@ const PER_COVERED_IMAGE: u64 = 8;
 /// Rows that an EXR compresses together.
 const EXR_ROWS: u64 = 16;
 
-/// What packing and unpacking a texture need: tables and windows.
-const TEXTURE: u64 = 12 << 20;
+/// Tables and windows that packing and unpacking a texture need at most; a small one needs no more than it holds.
+const TEXTURE: u64 = 8 << 20;
 
-/// Texels of a row of those 256 rows of a texture that are made at once, with their pieces.
-const TEXTURE_ROW: u64 = 2 * 256 * 8;
+/// Rows of a texture that are made at once, and then joined.
+const TEXTURE_ROWS: u64 = 2 * 256;
 
 /// The preview picture of 540 rows in the usual format of 16:9: radiance (12) and, one after the
 /// other, luminances (8) or bytes and their compressed form (6) for each pixel.
@@ -143,6 +143,11 @@ impl Memory {
         let split = if plan.settings().split_direct { PER_TEXEL_SPLIT } else { 0 };
         let directed = if plan.settings().directional.is_some() { PER_TEXEL_DIRECTED } else { 0 };
         let per_texel = PER_TEXEL + split + directed;
+        let per_packed = match plan.settings().texture {
+            None => 0,
+            Some(TextureFormat::Bc6h) => 1,
+            Some(TextureFormat::Rgba16f) => 8,
+        };
         let targeted = matches!(plan.settings().sampling, Sampling::Target(_));
         let unwrapped = atlas.layouts.iter().filter(|l| !l.kept);
         let layouts: u64 = atlas.layouts.iter().map(layout_bytes).sum();
@@ -164,8 +169,7 @@ impl Memory {
             // The EXR library holds a block for each thread and two more, raw, sorted and compressed.
             let blocks = (rayon::current_num_threads() as u64 + 2) * 3 * EXR_ROWS * load.width * per_texel;
             let images = PER_TEXEL_IMAGE * load.texels + PER_COVERED_IMAGE * load.covered;
-            let texture =
-                if plan.settings().texture.is_some() { TEXTURE + TEXTURE_ROW * load.width } else { 0 };
+            let texture = (per_packed * load.texels).min(TEXTURE) + per_packed * TEXTURE_ROWS * load.width;
             let written = per_texel * load.texels + images.max(blocks).max(texture);
             gather = gather.max(kept + solved);
             write = write.max(kept + assembled.max(dilated).max(written));
