@@ -105,7 +105,8 @@ fn textures_hold_the_light_of_the_exr() {
     assert_eq!(blocks.manifest.counts.half_overflows, 0);
     let halves = tool::baked(&scene, &[&COARSE[..], &["--texture", "rgba16f"]].concat());
     assert_eq!(halves.manifest.settings["texture"], "rgba16f");
-    assert!(checked(&halves).iter().all(|r| *r < 3e-4));
+    // Half a unit in the last of 11 digits, in bright texels a few times the mean.
+    assert!(checked(&halves).iter().all(|r| *r < 1e-3));
     for (i, page) in halves.pages.iter().enumerate() {
         let texture = decoded(&halves, i);
         assert!(texels(page).map(|t| t.map(|v| f16::from_f32(v).to_f32())).eq(texture), "page {i}");
@@ -115,13 +116,11 @@ fn textures_hold_the_light_of_the_exr() {
 
 #[test]
 fn pages_need_not_be_multiples_of_four() {
-    let scene = room(Room::default());
-    let baked = tool::baked(&scene, &[&COARSE[..], &["--max-size", "39"]].concat());
-    assert!(
-        baked.manifest.pages.iter().any(|p| p.width % 4 != 0 && p.height % 4 != 0),
-        "{:?}",
-        baked.manifest.pages
-    );
+    // A square of 26 texels and its gutter, on a page that would have 32 if it could.
+    let args = ["--samples", "8", "--texels-per-metre", "6.5", "--max-size", "31"];
+    let baked = tool::baked(&open::under_point(1.0, [100.0, 80.0, 30.0]), &args);
+    let page = &baked.manifest.pages[0];
+    assert!(page.width % 4 != 0 && page.height % 4 != 0, "{page:?}");
     assert!(checked(&baked).iter().all(|r| *r < 0.1));
 }
 

@@ -8,8 +8,9 @@ use ktx2::dfd::{Basic, Block};
 use ktx2::{Header, Index, LevelIndex, SupercompressionScheme};
 use std::io::{self, Cursor, Read, Seek, SeekFrom, Write};
 
-/// Level of compression that lightmaps are packed with: higher ones gain 1 % on them and take 5 to 100 times as long.
-pub const LEVEL: i32 = 3;
+/// Level of compression that lightmaps are packed with. On a page of the hall, as it is and smoothed: BC6H to 74 and 68 % at level 3, 74 and 64 % at 6, 73 and 63 % at 9,
+/// 72 and 60 % at 19; half floats to 55 and 51 %, 51 and 48 %, 50 and 47 %, 50 and 43 %, with 0.2, 0.5, 1 and 20 to 25 s for 25 MB.
+pub const LEVEL: i32 = 6;
 
 /// What a texel is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
