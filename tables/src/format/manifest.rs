@@ -163,7 +163,7 @@ pub struct Page {
 }
 
 /// A GPU-ready texture in comparison with the EXR of its page.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Texture {
     /// `bc6h_ufloat` or `rgba16f`.
     pub format: String,
