@@ -38,6 +38,8 @@ pub(crate) enum Command {
     Points(PointsArgs),
     /// Compare two bakes or two EXR files
     Compare(CompareArgs),
+    /// Write a page that shows a bake in a browser
+    Html(HtmlArgs),
     /// Join shards (reserved)
     Merge(MergeArgs),
 }
@@ -292,6 +294,16 @@ pub(crate) struct CompareArgs {
     /// Print JSON
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(crate) struct HtmlArgs {
+    /// A bake's folder
+    #[arg(value_name = "DIR")]
+    pub(crate) bake: PathBuf,
+    /// File to write [default: the folder's name with .html, in the working directory]
+    #[arg(short, long, value_name = "FILE.html")]
+    pub(crate) output: Option<PathBuf>,
 }
 
 #[derive(Debug, ClapArgs)]

@@ -11,6 +11,8 @@ use crate::output::page::{Page, PageStats};
 use crate::output::{self, assemble, exr, preview, record, scene_glb, texture, view};
 use crate::plan::settings::{Probes, Sampling};
 use crate::plan::{self, Plan};
+use crate::scene::document::Document;
+use crate::scene::model::Camera;
 use crate::solve::accumulate::Gate;
 use crate::solve::cache::Cells;
 use crate::solve::directional::{self, Direction};
@@ -67,10 +69,11 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
             Job { plan: &plan, staging: &staging, style, interrupt, strict, exposure, watch, memory };
         let baked = job.pages()?;
         interrupt.check()?;
-        let exposure = job.scene(&input.document, &baked)?;
+        let (exposure, camera) = job.scene(&input.document, &baked)?;
         let mut watch = job.watch;
         let mut manifest = record::manifest(&plan, &input.document.inputs(), &baked.figures, &baked.gate);
         manifest.exposure = Some(exposure);
+        manifest.camera = Some(record::camera(&camera));
         manifest.light_grid = baked.light_grid;
         manifest.probes = baked.probes;
         let error = manifest.error;
@@ -355,8 +358,8 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Writes the scene and its picture, and says how that was exposed.
-    fn scene(&mut self, document: &crate::scene::document::Document, baked: &Baked) -> Result<f32, Error> {
+    /// Writes the scene and its picture, and says how and from where that was taken.
+    fn scene(&mut self, document: &Document, baked: &Baked) -> Result<(f32, Camera), Error> {
         let plan = self.plan;
         let files: Vec<String> = (0..plan.atlas().pages.len()).map(record::page_file).collect();
         let path = self.staging.path("scene.glb");
@@ -374,7 +377,7 @@ impl Job<'_> {
             exposure,
         )?;
         self.watch.lap("preview");
-        Ok(exposure)
+        Ok((exposure, camera))
     }
 }
 

@@ -8,6 +8,7 @@ mod args;
 mod bake_run;
 mod check;
 mod compare;
+mod html;
 mod input;
 mod points;
 mod say;
@@ -34,6 +35,7 @@ pub fn main() -> ExitCode {
         Command::Check(a) => check::run(&a),
         Command::Points(a) => points::run(&a, &interrupt),
         Command::Compare(a) => compare::run(&a),
+        Command::Html(a) => html::run(&a),
         Command::Merge(_) => Err(Error::Usage(
             "`bake merge` is reserved: this version bakes on one machine without shards".to_owned(),
         )),

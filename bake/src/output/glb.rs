@@ -87,7 +87,8 @@ pub(super) fn index(value: &Value) -> Option<usize> {
     usize::try_from(value.as_u64()?).ok()
 }
 
-/// Puts the accessors that `json` refers to, and its images, into one GLB.
+/// Puts the accessors that `json` refers to, and its first `n_images` images, which are those of the
+/// document, into one GLB. Later images lie beside it.
 ///
 /// References below the number of the document's accessors mean those, others `added` in order.
 /// Accessors without references are left out, and with them their data.
@@ -95,6 +96,7 @@ pub(super) fn pack(
     document: &Document,
     mut json: Value,
     added: &[NewAccessor],
+    n_images: usize,
 ) -> Result<(Vec<u8>, Vec<Finding>)> {
     let mut findings = Vec::new();
     let mut bin = Bin::default();
@@ -120,7 +122,7 @@ pub(super) fn pack(
             *value = json!(new);
         }
     });
-    for (i, image) in items(&mut json, "images").enumerate() {
+    for (i, image) in items(&mut json, "images").take(n_images).enumerate() {
         if let Err(finding) = bin.image(document, i, image) {
             findings.push(finding);
         }
@@ -324,7 +326,8 @@ impl Bin {
     }
 }
 
-fn media_type(bytes: &[u8]) -> Option<&'static str> {
+/// What an image is, by its content.
+pub(super) fn media_type(bytes: &[u8]) -> Option<&'static str> {
     if bytes.starts_with(b"\x89PNG\r\n\x1a\n") {
         Some("image/png")
     } else if bytes.starts_with(b"\xff\xd8\xff") {

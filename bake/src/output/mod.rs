@@ -3,14 +3,17 @@
 //! A finished [`page::Page`] is repaired and padded by [`dilate`], written by [`exr`], as engines take it
 //! by [`texture`], and shown by [`preview`]. [`scene_glb`] writes the scene with its new texture coordinates, [`light_grid`] the light in
 //! media, [`probes`] that of the air. All of it goes
-//! into a [`folder::Staging`] that replaces the previous bake at once when everything is there.
+//! into a [`folder::Staging`] that replaces the previous bake at once when everything is there. [`html`] makes a page
+//! for browsers of a folder.
 
 pub mod assemble;
+mod attach;
 pub mod bc6h;
 pub mod dilate;
 pub mod exr;
 pub mod folder;
 mod glb;
+pub mod html;
 pub mod ktx;
 pub mod light_grid;
 pub mod page;
@@ -18,5 +21,6 @@ pub mod preview;
 pub mod probes;
 pub mod record;
 pub mod scene_glb;
+mod shared_exponent;
 pub mod texture;
 pub mod view;

@@ -5,9 +5,10 @@ use crate::geom::atlas::Unwrap;
 use crate::output::dilate::Filled;
 use crate::output::page::PageStats;
 use crate::output::texture;
+use crate::output::view;
 use crate::plan::Plan;
 use crate::scene::document::InputFile;
-use crate::scene::model::{LightKind, LightMode, Sky};
+use crate::scene::model::{Camera, LightKind, LightMode, Projection, Sky};
 use crate::solve::accumulate::Gate;
 use tables::format::manifest::{self, Counts, Input, Manifest, Rect, Samples};
 
@@ -83,6 +84,21 @@ pub fn manifest(plan: &Plan, inputs: &[InputFile], pages: &[PageFigures], gate: 
         black_charts: pages.iter().map(|p| p.filled.black_charts).sum(),
     };
     m
+}
+
+/// What the manifest says of the camera of a picture.
+#[must_use]
+pub fn camera(camera: &Camera) -> manifest::Camera {
+    manifest::Camera {
+        name: camera.name.clone(),
+        world_from_camera: camera.world_from_camera.to_cols_array_2d(),
+        projection: match camera.projection {
+            Projection::Perspective { yfov, .. } => {
+                manifest::Projection::Perspective { yfov, aspect: view::aspect(camera) }
+            }
+            Projection::Orthographic { xmag, ymag } => manifest::Projection::Orthographic { xmag, ymag },
+        },
+    }
 }
 
 fn page(plan: &Plan, number: usize, figures: &PageFigures) -> manifest::Page {

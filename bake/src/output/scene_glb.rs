@@ -3,8 +3,8 @@
 //! Every surface that has a place in the atlas gets it; vertices are repeated where the layout cut
 //! the mesh. A mesh that several nodes show is repeated, sharing every accessor but
 //! `TEXCOORD_1`; a node with `EXT_mesh_gpu_instancing` gets one child per instance. A second UV set
-//! that textures use moves to a free number. Each placed primitive says in its `extras` which page
-//! it is on. All else of the document stays.
+//! that textures use moves to a free number. Materials, nodes and primitives say which lightmap is
+//! theirs, see `attach`. All else of the document stays.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -13,7 +13,10 @@ use std::{
 
 use serde_json::{Map, Value, json};
 
-use super::glb::{self, NewAccessor, component_size, index, items};
+use super::{
+    attach,
+    glb::{self, NewAccessor, component_size, index, items},
+};
 use crate::{
     error::{Error, Finding, Result},
     geom::atlas::{Atlas, Layout, Placement},
@@ -65,15 +68,24 @@ pub fn build(
         gathered: BTreeMap::new(),
         indices: BTreeMap::new(),
         coordinates: BTreeMap::new(),
-        moved: Vec::new(),
+        written: BTreeMap::new(),
     };
     let mut json = document.json.clone();
+    attach::strip(&mut json);
+    let n_images = json.get("images").and_then(Value::as_array).map_or(0, Vec::len);
     let users = users(document, scene, atlas);
     let meshes = writer.meshes(&mut json, &users)?;
     point_nodes(document, &mut json, &users, &meshes)?;
-    patch_materials(&mut json, &writer.moved);
+    for (node, words) in node_words(document, &json, atlas, &users, page_files) {
+        if let Some(node) = json["nodes"][node].as_object_mut() {
+            attach::set_extras(node, words);
+        }
+    }
+    let pages = writer.written.values().map(|w| w.page).collect();
+    let textures = attach::textures(&mut json, &pages, page_files);
+    patch_materials(&mut json, &writer.written, &textures);
     clean_extensions(&mut json);
-    glb::pack(document, json, &writer.added)
+    glb::pack(document, json, &writer.added, n_images)
 }
 
 /// Where one primitive of a node lies.
@@ -114,11 +126,12 @@ fn users<'a>(document: &Document, scene: &Scene, atlas: &'a Atlas) -> Vec<User<'
     users.into_values().collect()
 }
 
-/// A second UV set that moved: the primitive's place and the set's new number.
-struct Moved {
-    mesh: usize,
-    primitive: usize,
-    to: usize,
+/// A primitive with texels as it was written.
+#[derive(Clone, Copy)]
+struct Written {
+    page: usize,
+    /// New number of its second UV set, if that moved.
+    second: Option<usize>,
 }
 
 struct Writer<'a> {
@@ -133,13 +146,14 @@ struct Writer<'a> {
     indices: BTreeMap<usize, usize>,
     /// (layout, page, rectangle) to the accessor of its texture coordinates.
     coordinates: BTreeMap<(usize, usize, [u32; 4]), usize>,
-    moved: Vec<Moved>,
+    /// By mesh and number of the primitive.
+    written: BTreeMap<(usize, usize), Written>,
 }
 
 impl Writer<'_> {
     /// Writes the placed meshes; the mesh index of each user.
     fn meshes(&mut self, json: &mut Value, users: &[User<'_>]) -> Result<Vec<usize>> {
-        let source = self.document.json["meshes"].as_array().cloned().unwrap_or_default();
+        let source = json["meshes"].as_array().cloned().unwrap_or_default();
         let mut meshes = source.clone();
         let mut kept = meshes_still_needed(self.document, users)?;
         let mut written: Vec<(usize, &[Placed<'_>], usize)> = Vec::new();
@@ -158,9 +172,9 @@ impl Writer<'_> {
             for placed in &user.placed {
                 let path = format!("meshes[{}].primitives[{}]", user.mesh, placed.primitive);
                 let Some(primitive) = mesh["primitives"].get_mut(placed.primitive) else { continue };
-                if let Some(to) = self.primitive(primitive, placed, &path)? {
-                    self.moved.push(Moved { mesh: slot, primitive: placed.primitive, to });
-                }
+                let second = self.primitive(primitive, placed, &path)?;
+                let page = placed.placement.page;
+                self.written.insert((slot, placed.primitive), Written { page, second });
             }
             if slot == meshes.len() {
                 meshes.push(mesh);
@@ -224,14 +238,7 @@ impl Writer<'_> {
         }
         // Strips and fans have become lists.
         object.shift_remove("mode");
-        let extras = object.entry("extras").or_insert_with(|| json!({}));
-        if let Some(extras) = extras.as_object_mut() {
-            let mut page = json!({ "page": placement.page });
-            if let Some(file) = self.page_files.get(placement.page) {
-                page["file"] = json!(file);
-            }
-            extras.insert("lightmap".to_owned(), page);
-        }
+        attach::set_extras(object, attach::page(placement, self.page_files));
         Ok(moved)
     }
 
@@ -392,6 +399,29 @@ fn point_nodes(document: &Document, json: &mut Value, users: &[User<'_>], meshes
     Ok(())
 }
 
+/// What nodes say of their lightmaps. The instances of a node have become its last children.
+fn node_words(
+    document: &Document,
+    json: &Value,
+    atlas: &Atlas,
+    users: &[User<'_>],
+    page_files: &[String],
+) -> Vec<(usize, Value)> {
+    let children = |json: &Value, node: usize| json["nodes"][node]["children"].as_array().cloned();
+    let node = |user: &User<'_>| match user.instance {
+        None => Some(user.node),
+        Some(instance) => {
+            let n_before = children(&document.json, user.node).map_or(0, |c| c.len());
+            children(json, user.node)?.get(n_before + instance).and_then(index)
+        }
+    };
+    let words = |user: &User<'_>| {
+        let place = |p: &Placed<'_>| attach::place(atlas, p.primitive, p.placement, page_files);
+        Some((node(user)?, user.placed.iter().map(place).collect()))
+    };
+    users.iter().filter_map(words).collect()
+}
+
 /// `translation`, `rotation` and `scale` of each instance of a node.
 fn instance_transforms(document: &Document, node: usize) -> Result<Vec<Map<String, Value>>> {
     let attributes = &document.json["nodes"][node]["extensions"][INSTANCING]["attributes"];
@@ -469,50 +499,92 @@ fn move_second_set(material: &mut Value, to: usize) {
     }
 }
 
-/// Changes the materials of primitives whose second UV set moved. A material that others use with
-/// another number is copied.
-fn patch_materials(json: &mut Value, moved: &[Moved]) {
-    let wanted: BTreeMap<(usize, usize), usize> =
-        moved.iter().map(|m| ((m.mesh, m.primitive), m.to)).collect();
-    let mut numbers: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
+/// What becomes of the material of a primitive: with these it is another one.
+#[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+struct Change {
+    /// Texture of its lightmap.
+    lightmap: Option<usize>,
+    /// New number of the second UV set, if that moved.
+    second: Option<usize>,
+}
+
+impl Change {
+    fn of(self, material: &Value) -> Value {
+        let mut material = material.clone();
+        if let Some(second) = self.second {
+            move_second_set(&mut material, second);
+        }
+        if let Some(texture) = self.lightmap {
+            attach::give(&mut material, texture);
+        }
+        material
+    }
+}
+
+/// Gives the materials of placed primitives their lightmaps, and points them to second UV sets that
+/// moved. A material that others use differently is copied; a primitive without one gets glTF's default.
+fn patch_materials(
+    json: &mut Value,
+    written: &BTreeMap<(usize, usize), Written>,
+    textures: &BTreeMap<usize, usize>,
+) {
+    let change = |mesh: usize, primitive: usize| {
+        written.get(&(mesh, primitive)).map_or_else(Change::default, |w| Change {
+            lightmap: textures.get(&w.page).copied(),
+            second: w.second,
+        })
+    };
+    let mut wanted: BTreeMap<Option<usize>, BTreeSet<Change>> = BTreeMap::new();
     for (m, mesh) in items(json, "meshes").enumerate() {
         for (p, primitive) in items(mesh, "primitives").enumerate() {
-            let to = wanted.get(&(m, p)).copied().unwrap_or(1);
-            materials(primitive).into_iter().for_each(|i| {
-                numbers.entry(i).or_default().insert(to);
-            });
+            let change = change(m, p);
+            if primitive.get("material").is_none() && change.lightmap.is_some() {
+                wanted.entry(None).or_default().insert(change);
+            }
+            for i in materials(primitive) {
+                wanted.entry(Some(i)).or_default().insert(change);
+            }
         }
     }
     let source = json["materials"].as_array().cloned().unwrap_or_default();
     let mut result = source.clone();
-    let mut place: BTreeMap<(usize, usize), usize> = BTreeMap::new();
-    for (&i, numbers) in &numbers {
-        let Some(material) = source.get(i).filter(|m| has_second_set(m)) else { continue };
-        for (nth, &to) in numbers.iter().enumerate() {
-            let mut material = material.clone();
-            move_second_set(&mut material, to);
-            if nth == 0 {
-                result[i] = material;
-                place.insert((i, to), i);
-            } else {
-                place.insert((i, to), result.len());
-                result.push(material);
-            }
+    let mut place: BTreeMap<(Option<usize>, Change), usize> = BTreeMap::new();
+    for (&i, changes) in &wanted {
+        let default = json!({});
+        let Some(material) = i.map_or(Some(&default), |i| source.get(i)) else { continue };
+        let mut made: Vec<(Value, usize)> = Vec::new();
+        for &change in changes {
+            let changed = change.of(material);
+            let there = made.iter().find(|(m, _)| *m == changed).map(|(_, at)| *at);
+            let at = there.unwrap_or_else(|| match i.filter(|_| made.is_empty()) {
+                Some(i) => {
+                    result[i] = changed.clone();
+                    i
+                }
+                None => {
+                    result.push(changed.clone());
+                    result.len() - 1
+                }
+            });
+            made.push((changed, at));
+            place.insert((i, change), at);
         }
     }
     for (m, mesh) in items(json, "meshes").enumerate() {
         for (p, primitive) in items(mesh, "primitives").enumerate() {
-            let to = wanted.get(&(m, p)).copied().unwrap_or(1);
-            let patch = |value: Option<&mut Value>| {
-                if let Some(value) = value
-                    && let Some(new) = index(value).and_then(|i| place.get(&(i, to)))
-                {
-                    *value = json!(new);
-                }
-            };
-            patch(primitive.get_mut("material"));
+            let change = change(m, p);
+            let new = |value: Option<&Value>| place.get(&(value.and_then(index), change)).copied();
+            if let Some(new) = new(primitive.get("material"))
+                && let Some(object) = primitive.as_object_mut()
+            {
+                object.insert("material".to_owned(), json!(new));
+            }
             if let Some(variants) = primitive.pointer_mut("/extensions/KHR_materials_variants") {
-                items(variants, "mappings").for_each(|mapping| patch(mapping.get_mut("material")));
+                for mapping in items(variants, "mappings") {
+                    if let Some(new) = mapping.get("material").and_then(|m| new(Some(m))) {
+                        mapping["material"] = json!(new);
+                    }
+                }
             }
         }
     }

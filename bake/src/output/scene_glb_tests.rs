@@ -118,10 +118,13 @@ fn load(document: &Document) -> Scene {
 }
 
 fn bake(document: Document, unwrap: Unwrap) -> Baked {
+    let fit = Density::Fit { page_size: 256 };
+    bake_with(document, &AtlasOptions { density: fit, unwrap, ..AtlasOptions::default() })
+}
+
+fn bake_with(document: Document, options: &AtlasOptions) -> Baked {
     let scene = load(&document);
-    let options =
-        AtlasOptions { density: Density::Fit { page_size: 256 }, unwrap, ..AtlasOptions::default() };
-    let (atlas, _) = atlas::build(&scene, &options, &|_, _| true).expect("an atlas");
+    let (atlas, _) = atlas::build(&scene, options, &|_, _| true).expect("an atlas");
     let files: Vec<String> = (0..atlas.pages.len()).map(|i| format!("lightmap-{i}.exr")).collect();
     let (bytes, findings) = build(&document, &scene, &atlas, &files).expect("a file");
     assert!(findings.is_empty(), "{findings:?}");
@@ -201,7 +204,8 @@ fn vertices_are_cut_and_all_attributes_go_with_them() {
     let position = index(&primitive["attributes"]["POSITION"]).expect("position");
     assert_eq!(baked.again.json["accessors"][position]["max"], json!([1.0, 1.0, 1.0]));
     assert_eq!(primitive["extras"]["mine"], 1);
-    assert_eq!(primitive["extras"]["lightmap"], json!({ "page": 0, "file": "lightmap-0.exr" }));
+    let page = json!({ "page": 0, "file": "lightmap-0.exr", "texture": "lightmap-0.ktx2" });
+    assert_eq!(primitive["extras"]["lightmap"], page);
     assert_eq!(baked.again.json["cameras"], baked.document.json["cameras"]);
     assert_eq!(baked.again.json["extras"], baked.document.json["extras"]);
     assert_eq!(baked.again.json["meshes"][0]["weights"], json!([0.5]));
@@ -259,7 +263,11 @@ fn gpu_instances_become_nodes() {
     assert_eq!(json["nodes"][0]["children"], json!([1, 2, 3]));
     assert!(json["nodes"][0].get("mesh").is_none() && json["nodes"][0].get("extensions").is_none());
     assert_eq!(json["nodes"][2]["name"], "grass.1");
-    assert!(json.get("extensionsUsed").is_none() && json.get("extensionsRequired").is_none());
+    assert_eq!(json["extensionsUsed"], json!(["MOZ_lightmap"]));
+    assert!(json.get("extensionsRequired").is_none());
+    let rects: BTreeSet<String> =
+        (1..4).map(|n| json["nodes"][n]["extras"]["lightmap"][0]["rect"].to_string()).collect();
+    assert_eq!(rects.len(), 3, "each instance has a place of its own");
     assert_eq!(json["meshes"].as_array().map(Vec::len), Some(3));
 }
 
@@ -361,6 +369,109 @@ fn extensions_with_views_of_their_own_are_named() {
     assert!(findings[0].path == "extensions.KHR_audio", "{findings:?}");
     let again = Document::from_bytes("scene.glb", &bytes, None).expect("readable");
     assert!(again.json.get("extensions").is_none() && again.json.get("extensionsUsed").is_none());
+}
+
+/// A document with a material of its own kind on each of three cubes: two that share one and lie on
+/// different pages, one without any, one that gets no texels.
+fn on_two_pages() -> Baked {
+    let mut maker = Maker::new(json!({
+        "scenes": [{ "nodes": [0, 1, 2, 3] }],
+        "nodes": [
+            { "name": "a", "mesh": 0 },
+            { "name": "b", "mesh": 0, "translation": [3, 0, 0], "extras": { "lightmap": "on", "mine": 1 } },
+            { "name": "bare", "mesh": 1, "translation": [6, 0, 0] },
+            { "name": "off", "mesh": 0, "translation": [9, 0, 0], "extras": { "lightmap": "off" } }
+        ],
+        "meshes": [{}, {}],
+        "materials": [{ "name": "red", "pbrMetallicRoughness": { "baseColorFactor": [1, 0, 0, 1] } }]
+    }));
+    let mut primitive = cube(&mut maker);
+    maker.json["meshes"][1] = json!({ "primitives": [primitive.clone()] });
+    primitive["material"] = json!(0);
+    maker.json["meshes"][0] = json!({ "primitives": [primitive] });
+    let options = AtlasOptions {
+        density: Density::Fixed(16.0),
+        max_size: 64,
+        unwrap: Unwrap::Always,
+        ..AtlasOptions::default()
+    };
+    let baked = bake_with(maker.finish(), &options);
+    assert!(1 < baked.atlas.pages.len(), "the test wants several pages");
+    baked
+}
+
+#[test]
+fn materials_and_nodes_name_their_lightmap() {
+    let baked = on_two_pages();
+    check(&baked);
+    let json = &baked.again.json;
+    assert_eq!(json["extensionsUsed"], json!(["MOZ_lightmap"]));
+    assert!(json.get("extensionsRequired").is_none());
+    let mut materials = BTreeSet::new();
+    for (node, placement) in baked.atlas.placements.iter().enumerate().take(3) {
+        let placement = placement.expect("it has texels");
+        let primitive = &json["meshes"][index(&json["nodes"][node]["mesh"]).expect("mesh")]["primitives"][0];
+        let m = index(&primitive["material"]).expect("a material");
+        materials.insert(m);
+        let material = &json["materials"][m];
+        let colour = (node < 2).then_some(json!([1, 0, 0, 1]));
+        assert_eq!(material.pointer("/pbrMetallicRoughness/baseColorFactor"), colour.as_ref());
+        let lightmap = &material["extensions"]["MOZ_lightmap"];
+        assert_eq!((&lightmap["texCoord"], &lightmap["intensity"]), (&json!(1), &json!(1)));
+        let texture = &json["textures"][index(&lightmap["index"]).expect("texture")];
+        let image = &json["images"][index(&texture["source"]).expect("image")];
+        let file = format!("lightmap-{}", placement.page);
+        assert_eq!(image, &json!({ "name": file, "uri": format!("{file}.ktx2") }));
+        let sampler = &json["samplers"][index(&texture["sampler"]).expect("sampler")];
+        assert_eq!((&sampler["minFilter"], &sampler["wrapS"]), (&json!(9729), &json!(33071)));
+        let ([x, y], [width, height]) = (placement.min, placement.size);
+        let page = baked.atlas.pages[placement.page];
+        let place = &json["nodes"][node]["extras"]["lightmap"][0];
+        assert_eq!(place["rect"], json!({ "x": x, "y": y, "width": width, "height": height }));
+        let right = place["uv_rect"]["max"][0].as_f64().expect("a number");
+        assert!((right * f64::from(page.width) - f64::from(x + width)).abs() < 1e-3, "{place}");
+        assert_eq!((&place["page"], &place["primitive"]), (&json!(placement.page), &json!(0)));
+        assert_eq!(place["file"], format!("{file}.exr"));
+        assert_eq!(place["unit"], "radiance_white_lambert_nits");
+    }
+    assert_eq!(json["nodes"][1]["extras"]["mine"], 1);
+    let off = &json["meshes"][index(&json["nodes"][3]["mesh"]).expect("mesh")]["primitives"][0];
+    assert!(!materials.contains(&index(&off["material"]).expect("material")));
+    assert_eq!(json["nodes"][3]["extras"], json!({ "lightmap": "off" }));
+    assert_eq!(baked.document.json["materials"][0], json["materials"][index(&off["material"]).expect("m")]);
+}
+
+#[test]
+fn what_was_baked_keeps_its_coordinates_and_does_not_grow() {
+    for unwrap in [Unwrap::Keep, Unwrap::Auto] {
+        let first = bake(on_two_pages().document, Unwrap::Always);
+        let coordinates = |baked: &Baked| -> Vec<Vec<f32>> {
+            let node = |n: usize| index(&baked.again.json["nodes"][n]["mesh"]).expect("mesh");
+            let accessor = |mesh: usize| {
+                let attributes = &baked.again.json["meshes"][mesh]["primitives"][0]["attributes"];
+                index(&attributes["TEXCOORD_1"]).expect("coordinates")
+            };
+            (0..3).map(|n| baked.again.accessor(accessor(node(n))).expect("accessor").floats()).collect()
+        };
+        let wanted = coordinates(&first);
+        let counts = |baked: &Baked| {
+            ["materials", "textures", "images", "samplers", "meshes"]
+                .map(|key| baked.again.json[key].as_array().map_or(0, Vec::len))
+        };
+        let n_wanted = counts(&first);
+        let second = bake(first.again, unwrap);
+        check(&second);
+        assert!(second.atlas.layouts.iter().all(|l| l.kept));
+        assert_eq!(second.atlas.pages, first.atlas.pages);
+        for (got, want) in coordinates(&second).iter().zip(&wanted) {
+            assert_eq!(got.len(), want.len());
+            let worst = got.iter().zip(want).map(|(g, w)| (g - w).abs()).fold(0.0, f32::max);
+            // A thousandth of a texel of a page of 256.
+            assert!(worst < 4e-6, "{worst}");
+        }
+        assert_eq!(counts(&second), n_wanted);
+        assert_eq!(second.again.json["extensionsUsed"], json!(["MOZ_lightmap"]));
+    }
 }
 
 /// Scenes of every exporter we have.

@@ -35,11 +35,7 @@ pub struct Picture {
 /// not drawn.
 #[must_use]
 pub fn draw(plan: &Plan, kernel: &Kernel<'_>, pages: &[Page], camera: &Camera) -> Picture {
-    let aspect = match camera.projection {
-        Projection::Perspective { aspect, .. } => aspect.unwrap_or(16.0 / 9.0),
-        Projection::Orthographic { xmag, ymag } => (xmag / ymag).abs(),
-    };
-    let aspect = if aspect.is_finite() { aspect.clamp(0.25, 4.0) } else { 16.0 / 9.0 };
+    let aspect = aspect(camera);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a clamped size in pixels")]
     let width = (HEIGHT as f32 * aspect) as usize;
     let viewer = Viewer { plan, kernel, pages, mean: mean(pages) };
@@ -58,6 +54,16 @@ pub fn draw(plan: &Plan, kernel: &Kernel<'_>, pages: &[Page], camera: &Camera) -
         })
         .collect();
     Picture { width, height: HEIGHT, pixels }
+}
+
+/// Width over height of the picture from a camera.
+#[must_use]
+pub fn aspect(camera: &Camera) -> f32 {
+    let aspect = match camera.projection {
+        Projection::Perspective { aspect, .. } => aspect.unwrap_or(16.0 / 9.0),
+        Projection::Orthographic { xmag, ymag } => (xmag / ymag).abs(),
+    };
+    if aspect.is_finite() { aspect.clamp(0.25, 4.0) } else { 16.0 / 9.0 }
 }
 
 fn camera_ray(camera: &Camera, aspect: f32, x: f32, y: f32, origin: Vec3) -> Ray {

@@ -236,17 +236,19 @@ impl NodeWords {
         }
         let Some(mut t) = Table::new(value, path, out) else { return Self::default() };
         let lightmap = t.read("lightmap", "on, off or probes", out, |v| match v {
-            Value::Bool(true) => Some(LightmapMode::On),
-            Value::Bool(false) => Some(LightmapMode::Off),
+            Value::Bool(true) => Some(Some(LightmapMode::On)),
+            Value::Bool(false) => Some(Some(LightmapMode::Off)),
+            // Places on the pages of an earlier bake, which are no wish.
+            Value::Array(_) if foreign => Some(None),
             _ => match v.as_str()?.trim().to_ascii_lowercase().as_str() {
-                "on" => Some(LightmapMode::On),
-                "off" => Some(LightmapMode::Off),
-                "probes" => Some(LightmapMode::Probes),
+                "on" => Some(Some(LightmapMode::On)),
+                "off" => Some(Some(LightmapMode::Off)),
+                "probes" => Some(Some(LightmapMode::Probes)),
                 _ => None,
             },
         });
         let words = Self {
-            lightmap,
+            lightmap: lightmap.flatten(),
             casts_shadow: t.flag("casts_shadow", out),
             texels_per_metre: texels_per_metre(&mut t, out),
             mode: mode(&mut t, out),

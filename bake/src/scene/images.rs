@@ -61,7 +61,7 @@ impl Images {
         for (index, image) in decoded {
             let place = match image {
                 Ok(image) => {
-                    images.list.push(image);
+                    images.list.push(Image { source: Some(index), ..image });
                     Some(images.list.len() - 1)
                 }
                 Err(finding) => {
@@ -118,7 +118,7 @@ impl Images {
             }
         }
         let name = format!("{} without metals", base.map_or(&metal.name, |b| &b.name));
-        self.list.push(Image { name, width, height, pixels });
+        self.list.push(Image { name, width, height, pixels, source: None });
         Some(self.list.len() - 1)
     }
 
@@ -183,7 +183,7 @@ fn decode(bytes: &[u8], name: &str) -> Result<Image, String> {
         return Err("the image has no texels".to_owned());
     }
     let pixels = bytemuck::cast_slice::<u8, [u8; 4]>(image.as_raw()).to_vec();
-    Ok(Image { name: name.to_owned(), width, height, pixels })
+    Ok(Image { name: name.to_owned(), width, height, pixels, source: None })
 }
 
 /// The glTF image that a texture shows: WebP where given, else its plain source.
@@ -210,7 +210,13 @@ mod tests {
 
     #[test]
     fn metal_is_black_and_the_rest_unchanged() {
-        let image = |w: u32, px: Vec<[u8; 4]>| Image { name: "i".into(), width: w, height: 1, pixels: px };
+        let image = |w: u32, px: Vec<[u8; 4]>| Image {
+            name: "i".into(),
+            width: w,
+            height: 1,
+            pixels: px,
+            source: None,
+        };
         let base = image(1, vec![[200, 100, 50, 77]]);
         let metal = image(2, vec![[0, 0, 255, 0], [0, 0, 0, 0]]);
         let mut images = Images { place: BTreeMap::new(), list: vec![base, metal] };

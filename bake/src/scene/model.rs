@@ -265,6 +265,8 @@ pub struct Image {
     pub height: u32,
     /// `width * height` RGBA texels.
     pub pixels: Vec<[u8; 4]>,
+    /// The glTF image that this is, unless it was made from others.
+    pub source: Option<usize>,
 }
 
 /// Which part of a light is baked.

@@ -87,7 +87,8 @@ mod tests {
 
     fn scene() -> Scene {
         let pixels = vec![[0, 0, 0, 255], [255, 0, 0, 255], [0, 255, 0, 0], [188, 188, 188, 255]];
-        Scene { images: vec![Image { name: String::new(), width: 2, height: 2, pixels }], ..Scene::default() }
+        let image = Image { name: String::new(), width: 2, height: 2, pixels, source: None };
+        Scene { images: vec![image], ..Scene::default() }
     }
 
     fn texture(wrap: Wrap, nearest: bool) -> TextureRef {

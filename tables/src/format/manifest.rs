@@ -97,6 +97,9 @@ pub struct Manifest {
     /// What `preview.png` multiplied light by before tone mapping, 1/nit: 0.18 over the luminance of an average place.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposure: Option<f32>,
+    /// The camera that `preview.png` was drawn from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera: Option<Camera>,
     /// Light in participating media, where it was found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub light_grid: Option<LightGrid>,
@@ -275,6 +278,43 @@ pub struct UvRect {
     pub min: [f32; 2],
     /// Bottom right.
     pub max: [f32; 2],
+}
+
+/// A camera of the scene, or one that was found for it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Camera {
+    /// Name in the scene, or `chosen`.
+    pub name: String,
+    /// Columns of the matrix from its space to the world, metres; it looks along -Z, +Y is up.
+    pub world_from_camera: [[f32; 4]; 4],
+    /// What it covers.
+    pub projection: Projection,
+}
+
+/// What a [`Camera`] covers.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Projection {
+    /// Pinhole.
+    Perspective {
+        /// Full vertical angle, radians.
+        yfov: f32,
+        /// Width over height.
+        aspect: f32,
+    },
+    /// Parallel.
+    Orthographic {
+        /// Half width, metres.
+        xmag: f32,
+        /// Half height, metres.
+        ymag: f32,
+    },
+}
+
+impl Default for Projection {
+    fn default() -> Self {
+        Self::Orthographic { xmag: 1.0, ymag: 1.0 }
+    }
 }
 
 /// Light at the nodes of a lattice, a texture that fog shaders sample.
@@ -487,6 +527,7 @@ impl Manifest {
             error: ErrorFigure::default(),
             counts: Counts::default(),
             exposure: None,
+            camera: None,
             light_grid: None,
             probes: Vec::new(),
             files: Vec::new(),
@@ -693,6 +734,11 @@ mod tests {
         m.findings.push(Finding { severity: "warning".into(), ..Finding::default() });
         m.samples = Samples { total: 640, min: 8, mean: 8.3, max: 16 };
         m.counts.rejected_samples = 1;
+        m.camera = Some(Camera {
+            name: "above".into(),
+            projection: Projection::Perspective { yfov: 0.9, aspect: 1.5 },
+            ..Camera::default()
+        });
         m.files.push(File { name: "lightmap-0.exr".into(), bytes: 4 });
         m
     }
