@@ -48,6 +48,19 @@ impl Page {
         let of = |c: &str| self.get(&format!("{prefix}{c}"), x, y).unwrap_or(f32::NAN);
         Vec3::new(of("R"), of("G"), of("B"))
     }
+
+    /// The value at texture coordinates, interpolated between texel centres as a GPU does.
+    #[must_use]
+    pub fn bilinear(&self, uv: Vec2) -> Vec3 {
+        let size = Vec2::new(self.width as f32, self.height as f32);
+        let at = (uv * size - 0.5).clamp(Vec2::ZERO, size - 1.0);
+        let (low, part) = (at.floor(), at.fract());
+        let index = |v: f32, n: usize| (0..n).rfind(|&i| i as f32 <= v).unwrap_or(0);
+        let (x, y) = (index(low.x, self.width), index(low.y, self.height));
+        let (x1, y1) = ((x + 1).min(self.width - 1), (y + 1).min(self.height - 1));
+        let row = |y| self.rgb("", x, y).lerp(self.rgb("", x1, y), part.x);
+        row(y).lerp(row(y1), part.y)
+    }
 }
 
 /// A triangle of `scene.glb` with texels.
@@ -186,18 +199,10 @@ impl Baked {
         texels.map(|((x, y), _)| self.pages[0].rgb("", x, y).max_element()).fold(0.0, f32::max)
     }
 
-    /// The page's value at texture coordinates, interpolated between texel centres as a GPU does.
+    /// The first page's value at texture coordinates, interpolated between texel centres as a GPU does.
     #[must_use]
     pub fn bilinear(&self, uv: Vec2) -> Vec3 {
-        let page = &self.pages[0];
-        let size = Vec2::new(page.width as f32, page.height as f32);
-        let at = (uv * size - 0.5).clamp(Vec2::ZERO, size - 1.0);
-        let (low, part) = (at.floor(), at.fract());
-        let index = |v: f32, n: usize| (0..n).rfind(|&i| i as f32 <= v).unwrap_or(0);
-        let (x, y) = (index(low.x, page.width), index(low.y, page.height));
-        let (x1, y1) = ((x + 1).min(page.width - 1), (y + 1).min(page.height - 1));
-        let row = |y| page.rgb("", x, y).lerp(page.rgb("", x1, y), part.x);
-        row(y).lerp(row(y1), part.y)
+        self.pages[0].bilinear(uv)
     }
 }
 

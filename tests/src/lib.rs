@@ -3,6 +3,7 @@
 use std::{env, path::PathBuf};
 
 pub mod baked;
+pub mod browser;
 pub mod divided;
 pub mod gltf;
 pub mod rooms;

@@ -5,7 +5,7 @@
 //!
 //! - positions relative to the middle of the scene, three floats; texture coordinates with their transforms applied,
 //!   two floats; vertex colours, four 16-bit numbers; 16- or 32-bit indices, wound as seen in the world;
-//! - lightmaps as RGB9E5 times a power of two (`shared_exponent`), in planes of differences;
+//! - lightmaps as RGB9E5 times a power of two;
 //! - textures as the scene holds them, PNG, JPEG or WebP, else as PNG.
 
 use std::collections::BTreeMap;
@@ -58,7 +58,7 @@ struct Page {
     height: usize,
     /// What stored values are multiplied by, nits.
     scale: f32,
-    /// Where its planes begin.
+    /// Where its words begin.
     at: usize,
 }
 
@@ -222,9 +222,8 @@ fn pages(folder: &Path, manifest: &Manifest, texels: &mut Vec<u8>) -> Result<(Ve
         }
         let most = colors().flatten().filter(|v| v.is_finite()).fold(0.0, f32::max);
         let scale = scale(most);
-        let words: Vec<u32> = colors().map(|c| shared_exponent::pack(c.map(|v| v / scale))).collect();
         pages.push(Page { width: file.width, height: file.height, scale, at: texels.len() });
-        texels.extend(shared_exponent::planes(&words));
+        texels.extend(colors().flat_map(|c| shared_exponent::pack(c.map(|v| v / scale)).to_le_bytes()));
     }
     let mean = if n == 0 { DVec3::ZERO } else { sum / n as f64 };
     Ok((pages, mean.as_vec3().to_array()))

@@ -30,25 +30,6 @@ pub(super) fn pack(color: [f32; 3]) -> u32 {
     r | g << BITS | b << (2 * BITS) | (exponent as u32) << (3 * BITS)
 }
 
-/// Words as planes of bytes that deflate well: differences, from texel to texel, of green, of red less green, of
-/// blue less green, modulo 512, and a last plane with their ninth bits and the difference of the exponent.
-#[must_use]
-#[expect(clippy::cast_possible_truncation, reason = "each value is masked to its bits")]
-pub(super) fn planes(words: &[u32]) -> Vec<u8> {
-    let n = words.len();
-    let mut out = vec![0; 4 * n];
-    let mut last = [0_u32; 4];
-    for (i, word) in words.iter().enumerate() {
-        let part = |k: u32| word >> (BITS * k) & 511;
-        let values = [part(1), part(0).wrapping_sub(part(1)), part(2).wrapping_sub(part(1)), part(3)];
-        let [g, r, b, e] = [0, 1, 2, 3].map(|k| values[k].wrapping_sub(last[k]) & 511);
-        [out[i], out[n + i], out[2 * n + i]] = [g, r, b].map(|v| v as u8);
-        out[3 * n + i] = (g >> 8 | r >> 8 << 1 | b >> 8 << 2 | (e & 31) << 3) as u8;
-        last = values;
-    }
-    out
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -74,26 +55,5 @@ mod tests {
         assert_eq!(unpack(pack([1.0, 0.5, 0.25])), [1.0, 0.5, 0.25]);
         // All but the next power of two is that.
         assert_eq!(unpack(pack([0.999_99; 3])), [1.0; 3]);
-    }
-
-    #[test]
-    fn planes_hold_every_bit() {
-        let words: Vec<u32> = (0..999_u32).map(|i| i.wrapping_mul(2_654_435_761)).collect();
-        let planes = planes(&words);
-        let n = words.len();
-        let mut last = [0_u32; 4];
-        for (i, &want) in words.iter().enumerate() {
-            let byte = |k: usize| u32::from(planes[k * n + i]);
-            let top = byte(3);
-            let step = [
-                byte(0) + ((top & 1) << 8),
-                byte(1) + ((top & 2) << 7),
-                byte(2) + ((top & 4) << 6),
-                top >> 3,
-            ];
-            last = [0, 1, 2, 3].map(|k| (last[k] + step[k]) & if k == 3 { 31 } else { 511 });
-            let [g, r, b, e] = last;
-            assert_eq!(((r + g) & 511) | g << 9 | ((b + g) & 511) << 18 | e << 27, want);
-        }
     }
 }

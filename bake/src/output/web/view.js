@@ -21,23 +21,6 @@ async function unpack(id) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-/** Texels of RGB9E5 from planes of differences: green, red and blue less green, exponent with ninth bits. */
-function texels(planes, page) {
-  const n = page.width * page.height;
-  const [green, red, blue, rest] = [0, 1, 2, 3].map((k) => planes.subarray(page.at + k * n, page.at + (k + 1) * n));
-  const words = new Uint32Array(n);
-  let [g, r, b, e] = [0, 0, 0, 0];
-  for (let i = 0; i < n; i++) {
-    const top = rest[i];
-    g = (g + green[i] + ((top & 1) << 8)) & 511;
-    r = (r + red[i] + ((top & 2) << 7)) & 511;
-    b = (b + blue[i] + ((top & 4) << 6)) & 511;
-    e = (e + (top >> 3)) & 31;
-    words[i] = ((r + g) & 511) | (g << 9) | (((b + g) & 511) << 18) | (e << 27);
-  }
-  return words;
-}
-
 // ---- WebGL
 
 function program(gl, vertex, fragment) {
@@ -59,14 +42,15 @@ function program(gl, vertex, fragment) {
   return { program, ...uniforms };
 }
 
-function lightTexture(gl, page, planes) {
+function lightTexture(gl, page, texels) {
   const most = gl.getParameter(gl.MAX_TEXTURE_SIZE);
   if (most < Math.max(page.width, page.height)) {
     throw new Error(`A lightmap has ${page.width} x ${page.height} texels, this device takes ${most}: bake with --max-size ${most}.`);
   }
+  const words = new Uint32Array(texels.buffer, page.at, page.width * page.height);
   const texture = gl.createTexture();
   gl.bindTexture(gl.TEXTURE_2D, texture);
-  gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB9_E5, page.width, page.height, 0, gl.RGB, gl.UNSIGNED_INT_5_9_9_9_REV, texels(planes, page));
+  gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB9_E5, page.width, page.height, 0, gl.RGB, gl.UNSIGNED_INT_5_9_9_9_REV, words);
   for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
   for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, filter, gl.LINEAR);
   return texture;
@@ -96,9 +80,10 @@ function white(gl) {
 }
 
 /** A vertex array of one draw; attributes that it lacks have constants. */
-function vertexArray(gl, draw) {
+function vertexArray(gl, draw, indices) {
   const array = gl.createVertexArray();
   gl.bindVertexArray(array);
+  gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, indices);
   const attribute = (place, at, size, kind, normalized) => {
     if (at === undefined) return;
     gl.enableVertexAttribArray(place);
@@ -178,21 +163,18 @@ async function show() {
   canvas.addEventListener("webglcontextlost", () => fail("The graphics card was lost. Load the page again."));
 
   const scene = JSON.parse(byId("scene").textContent);
-  const [vertices, indices, planes, encoded] = await Promise.all(["vertices", "indices", "texels", "images"].map(unpack));
+  const [vertices, indices, texels, encoded] = await Promise.all(["vertices", "indices", "texels", "images"].map(unpack));
   const surface = program(gl, SHADERS.surface[0], SHADERS.surface[1]);
   const sky = program(gl, SHADERS.sky[0], SHADERS.sky[1]);
   const none = white(gl);
-  const pages = scene.pages.map((page) => lightTexture(gl, page, planes));
+  const pages = scene.pages.map((page) => lightTexture(gl, page, texels));
   const textures = await Promise.all(scene.textures.map((t) => colorTexture(gl, t, encoded)));
   gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
   gl.bufferData(gl.ARRAY_BUFFER, vertices, gl.STATIC_DRAW);
-  const arrays = scene.draws.map((draw) => vertexArray(gl, draw));
   const indexBuffer = gl.createBuffer();
-  for (const array of arrays) {
-    gl.bindVertexArray(array);
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, indexBuffer);
-  }
+  gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, indexBuffer);
   gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, indices, gl.STATIC_DRAW);
+  const arrays = scene.draws.map((draw) => vertexArray(gl, draw, indexBuffer));
   gl.vertexAttrib4f(4, 1, 1, 1, 1);
 
   const start = startPose(scene);
@@ -268,13 +250,13 @@ async function show() {
 
   // ---- Input
 
+  const moves = ["KeyW", "KeyA", "KeyS", "KeyD", "KeyQ", "KeyE", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"];
   const held = new Set();
-  let [waiting, before] = [false, 0];
+  let [waiting, before, fast] = [false, 0, false];
   function frame(now) {
     waiting = false;
-    const seconds = Math.min(0.1, (now - before) / 1000);
+    walk(Math.max(0, Math.min(0.1, (now - before) / 1000)));
     before = now;
-    if (held.size) walk(seconds);
     draw();
     if (held.size) request();
   }
@@ -285,7 +267,7 @@ async function show() {
 
   function turn(yaw, pitch) {
     pose.yaw += yaw;
-    pose.pitch = Math.max(-1.57, Math.min(1.57, pose.pitch + pitch));
+    pose.pitch = Math.max(-Math.PI / 2, Math.min(Math.PI / 2, pose.pitch + pitch));
   }
   function orbit(yaw, pitch) {
     const middle = along(pose.eye, basis(pose).forward, pose.distance);
@@ -304,7 +286,7 @@ async function show() {
   }
   function walk(seconds) {
     const axis = (plus, minus) => Number(held.has(plus)) - Number(held.has(minus));
-    const speed = scene.radius * seconds * (held.has("Shift") ? 1 : 0.25);
+    const speed = scene.radius * seconds * (fast ? 1 : 0.25);
     const { right, up, forward } = basis(pose);
     pose.eye = along(pose.eye, forward, axis("KeyW", "KeyS") * speed);
     pose.eye = along(pose.eye, right, axis("KeyD", "KeyA") * speed);
@@ -342,7 +324,6 @@ async function show() {
     request();
   }, { passive: false });
 
-  const moves = ["KeyW", "KeyA", "KeyS", "KeyD", "KeyQ", "KeyE", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"];
   const expose = (stops) => {
     byId("exposure").valueAsNumber += stops;
     changed();
@@ -352,10 +333,10 @@ async function show() {
     request();
   }
   addEventListener("keydown", (e) => {
-    held[e.shiftKey ? "add" : "delete"]("Shift");
-    // Arrows belong to the slider and the switch while they have the focus.
-    const typing = e.target.matches?.("input") && e.code.startsWith("Arrow");
-    if (typing || e.ctrlKey || e.metaKey || e.altKey) return;
+    fast = e.shiftKey;
+    // Arrows and Home belong to the slider and the switch while they have the focus.
+    const taken = e.target.matches?.("input") && /^(Arrow|Home)/.test(e.code);
+    if (taken || e.ctrlKey || e.metaKey || e.altKey) return;
     if (moves.includes(e.code)) {
       if (!held.size) before = performance.now();
       held.add(e.code);
@@ -368,7 +349,7 @@ async function show() {
   });
   addEventListener("keyup", (e) => {
     held.delete(e.code);
-    if (e.key === "Shift") held.delete("Shift");
+    fast = e.shiftKey;
   });
   addEventListener("blur", () => held.clear());
   byId("exposure").addEventListener("input", changed);
@@ -381,4 +362,5 @@ async function show() {
   draw();
 }
 
+addEventListener("error", (e) => fail(e.message));
 show().catch((e) => fail(e.message));
