@@ -234,8 +234,7 @@ fn scale(most: f32) -> f32 {
     if most < f32::MIN_POSITIVE {
         return 1.0;
     }
-    #[expect(clippy::cast_possible_wrap, reason = "the exponent has 8 bits")]
-    let power = (most.to_bits() >> 23) as i32 - 126;
+    let power = (most.to_bits() >> 23).cast_signed() - 126;
     // Smaller ones would make the quotient or the factor itself vanish.
     2.0_f32.powi((power - BRIGHTEST).max(-126))
 }
@@ -313,7 +312,9 @@ fn bounds(scene: &Scene) -> (DVec3, f32) {
     if !half.is_finite() || half == DVec3::ZERO {
         return (DVec3::ZERO, 1.0);
     }
-    (low + half, half.length() as f32)
+    #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the result")]
+    let radius = half.length() as f32;
+    (low + half, radius)
 }
 
 /// Bytes in the making; equal runs are stored once.

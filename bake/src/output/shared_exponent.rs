@@ -20,7 +20,7 @@ pub(super) fn pack(color: [f32; 3]) -> u32 {
     let color = color.map(|c| c.clamp(0.0, MAX)).map(|c| if c.is_nan() { 0.0 } else { c });
     let most = color[0].max(color[1]).max(color[2]);
     // Of numbers below the smallest normal one nothing is left in this format.
-    let power = (most.to_bits() >> 23) as i32 - 127;
+    let power = (most.to_bits() >> 23).cast_signed() - 127;
     let mut exponent = power.max(-BIAS - 1) + 1 + BIAS;
     let step = |exponent: i32| 2.0_f32.powi(exponent - BIAS - BITS as i32);
     if ((most / step(exponent)).round() as u32) == 1 << BITS {
