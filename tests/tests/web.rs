@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use suite::{
     baked::{Baked, Triangle},
     browser::{self, Page},
-    gltf::{Glb, Kind, Material, Node, png},
+    gltf::{Glb, Kind, Material, Node, looking, png},
     shape::Shape,
     tool,
 };
@@ -20,6 +20,7 @@ const HEIGHT: u32 = 360;
 /// Of pixel values, which are rounded to a byte, filtered in a few bits of fraction, and come from 9-bit mantissas or half floats.
 const TOLERANCE: u8 = 2;
 const EYE: Vec3 = Vec3::new(0.4, 2.4, 3.6);
+const TARGET: Vec3 = Vec3::new(0.0, 0.2, -0.1);
 const YFOV: f32 = 0.8;
 
 /// What a pixel shows.
@@ -94,10 +95,8 @@ impl Scene {
                 let seen = self.look(px, py);
                 // Edges are smoothed, and colours of a texture mix within a texel.
                 let near = [(-6.0, 0.0), (6.0, 0.0), (0.0, -6.0), (0.0, 6.0)];
-                let alike = |(dx, dy)| {
-                    let other = self.look(px + dx, py + dy);
-                    (other.triangle.is_some(), other.part) == (seen.triangle.is_some(), seen.part)
-                };
+                let kind = |s: Seen| (s.triangle.map(|t| &self.baked.triangles[t].node), s.part);
+                let alike = |(dx, dy)| kind(self.look(px + dx, py + dy)) == kind(seen);
                 if hidden(x, y) || (seen.triangle.is_none() && !sky) || !near.into_iter().all(alike) {
                     continue;
                 }
@@ -117,7 +116,7 @@ impl Scene {
         judged.sort_unstable();
         judged.dedup();
         println!("{n} pixels, {} kinds, the worst is {worst} off", judged.len());
-        assert!(500 < n && 1 < judged.len(), "too little is seen: {n}, {judged:?}");
+        assert!(200 < n && 1 < judged.len(), "too little is seen: {n}, {judged:?}");
     }
 }
 
@@ -132,7 +131,7 @@ fn hit(t: &Triangle, direction: Vec3) -> Option<(f32, [f32; 3])> {
 }
 
 fn camera() -> Mat4 {
-    Mat4::look_at_rh(EYE, Vec3::new(0.0, 0.2, -0.1), Vec3::Y).inverse()
+    Mat4::from_rotation_translation(looking(TARGET - EYE), EYE)
 }
 
 /// The curve of `preview.png`.
@@ -154,7 +153,7 @@ fn byte(y: f32) -> u8 {
 }
 
 fn look_here(glb: &mut Glb) {
-    glb.camera("here", EYE, Vec3::new(0.0, 0.2, -0.1), YFOV);
+    glb.camera("here", EYE, TARGET, YFOV);
 }
 
 /// A floor of known albedo under a uniform sky: E / pi is the sky's radiance.
@@ -426,10 +425,14 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// Prints what the validator says of `scene.glb` beside it.
-const VALIDATE: &str = "
+/// Prints what the validator says of `out/scene.glb`. A texture that this build of the baker does not write is taken for a KTX 2
+/// file without content.
+const VALIDATE: &str = r"
 const validator = require('gltf-validator');
-validator.validateBytes(new Uint8Array(require('fs').readFileSync('scene.glb')))
+const fs = require('fs');
+const beside = async (name) => fs.existsSync(`out/${name}`) ? new Uint8Array(fs.readFileSync(`out/${name}`))
+  : Uint8Array.of(0xab, 0x4b, 0x54, 0x58, 0x20, 0x32, 0x30, 0xbb, 0x0d, 0x0a, 0x1a, 0x0a);
+validator.validateBytes(new Uint8Array(fs.readFileSync('out/scene.glb')), { externalResourceFunction: beside })
   .then((report) => console.log(JSON.stringify(report.issues)), (e) => { console.error(e); process.exit(1); });
 ";
 
@@ -438,11 +441,16 @@ fn scene_glb_is_valid() {
     let test = "scene_glb_is_valid";
     let Some(site) = packages(test, &["gltf-validator@2.0.0-dev.3.10"]) else { return };
     for scene in [floor(), room()] {
-        fs::copy(scene.dir.path().join("out/scene.glb"), site.path().join("scene.glb")).unwrap();
+        copy(&scene.dir.path().join("out"), &site.path().join("out"));
         let done = Command::new("node").args(["-e", VALIDATE]).current_dir(site.path()).output().unwrap();
         assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
         let issues: Value = serde_json::from_slice(&done.stdout).unwrap();
-        assert_eq!((&issues["numErrors"], &issues["numWarnings"]), (&json!(0), &json!(0)), "{issues:#}");
+        let grave = |m: &&Value| m["severity"].as_u64().unwrap() < 2;
+        let grave: Vec<&Value> = issues["messages"].as_array().unwrap().iter().filter(grave).collect();
+        // That glTF itself knows PNG and JPEG alone is a warning for each page.
+        let known = |m: &&Value| m["severity"] == 1 && m["code"] == "IMAGE_UNRECOGNIZED_FORMAT";
+        assert!(grave.iter().all(|m| known(m)), "{issues:#}");
+        assert_eq!(grave.len(), scene.baked.pages.len(), "{issues:#}");
         let glb = gltf::Gltf::from_slice(&scene.baked.files["scene.glb"]).unwrap();
         assert!(glb.extensions_required().next().is_none());
         assert!(glb.extensions_used().any(|e| e == "MOZ_lightmap"));
