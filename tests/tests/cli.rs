@@ -31,7 +31,7 @@ fn help_fits_a_screen() {
     for line in help.lines() {
         assert!(line.chars().count() <= 100, "{line}");
     }
-    for command in ["run", "plan", "check", "points", "compare", "merge"] {
+    for command in ["run", "plan", "check", "points", "compare", "html", "merge"] {
         assert!(help.lines().any(|l| l.trim_start().starts_with(command)), "{command}\n{help}");
     }
     let run_help = run(&["run", "--help"]).expect(0).stdout;
