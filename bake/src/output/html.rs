@@ -19,7 +19,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use tables::format::manifest::{self, Manifest, Projection};
 
-use super::{exr, folder, shared_exponent};
+use super::{exr, folder, ktx};
 use crate::error::{Error, Result, Severity};
 use crate::scene::config::Config;
 use crate::scene::document::Document;
@@ -223,7 +223,7 @@ fn pages(folder: &Path, manifest: &Manifest, texels: &mut Vec<u8>) -> Result<(Ve
         let most = colors().flatten().filter(|v| v.is_finite()).fold(0.0, f32::max);
         let scale = scale(most);
         pages.push(Page { width: file.width, height: file.height, scale, at: texels.len() });
-        texels.extend(colors().flat_map(|c| shared_exponent::pack(c.map(|v| v / scale)).to_le_bytes()));
+        texels.extend(colors().flat_map(|c| ktx::rgb9e5(c.map(|v| v / scale)).to_le_bytes()));
     }
     let mean = if n == 0 { DVec3::ZERO } else { sum / n as f64 };
     Ok((pages, mean.as_vec3().to_array()))

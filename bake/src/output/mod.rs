@@ -21,6 +21,5 @@ pub mod preview;
 pub mod probes;
 pub mod record;
 pub mod scene_glb;
-mod shared_exponent;
 pub mod texture;
 pub mod view;

@@ -77,7 +77,7 @@ fn grid(staging: &Staging, stem: &str, volume: &ProbeVolume) -> Result<manifest:
     let mut half = Half::default();
     // Right, up and out of the screen is how glTF's axes point.
     let texts = [("KTXorientation", "ruo"), ("KTXwriter", concat!("bake ", env!("CARGO_PKG_VERSION")))];
-    let mut put = |file: &str, size: [u32; 3], texels: &[[f16; 4]]| {
+    let put = |file: &str, size: [u32; 3], texels: &[[f16; 4]]| {
         let bytes = ktx::volume(size, Texels::Rgba16f(texels), Packing::Zstd(LEVEL), &texts);
         staging.write(file, bytes.map_err(Error::io(file, "cannot pack"))?)
     };

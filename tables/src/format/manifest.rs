@@ -281,7 +281,7 @@ pub struct UvRect {
 }
 
 /// A camera of the scene, or one that was found for it.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Camera {
     /// Name in the scene, or `chosen`.
     pub name: String,
@@ -292,7 +292,7 @@ pub struct Camera {
 }
 
 /// What a [`Camera`] covers.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Projection {
     /// Pinhole.
