@@ -8,7 +8,7 @@
 use bake::geom::atlas::{Engine, Unwrap};
 use bake::geom::texel::TexelMap;
 use bake::output::{assemble, scene_glb};
-use bake::plan::settings::Sampling;
+use bake::plan::settings::{Denoise, Sampling};
 use bake::plan::{self, MediaMode, Plan, Quality, Settings};
 use bake::sample::sequence::mix64;
 use bake::scene::config::Config;
@@ -325,6 +325,7 @@ fn attempt(name: &str, bytes: &[u8], folder: Option<&Path>, config: Option<&str>
         irradiance_cache: false,
         split_direct: false,
         texture: None,
+        denoise: Denoise::Off,
     };
     let Ok(plan) = plan::make(scene, findings, settings, &|_, _| true) else { return "plan refused" };
     assert!(plan.memory(&document).peak() < 1 << 36, "a plan of a small file that states absurd memory");

@@ -122,6 +122,10 @@ pub(crate) struct SettingsArgs {
     /// What GPU-ready textures beside the EXRs hold [default: bc6h]
     #[arg(long, value_enum)]
     pub(crate) texture: Option<TextureArg>,
+    /// Take noise out of lightmaps; what they were before stays in them as `noisy`, and error figures stay those of before
+    /// [default: off]
+    #[arg(long, value_enum)]
+    pub(crate) denoise: Option<DenoiseArg>,
     /// Seed of all random numbers [default: 0]
     #[arg(long, value_name = "N")]
     pub(crate) seed: Option<u64>,
@@ -397,6 +401,16 @@ pub(crate) enum TextureArg {
     Rgba16f,
     /// No textures
     None,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum DenoiseArg {
+    /// Texels stay as they were gathered
+    Off,
+    /// One small neighbourhood for all texels
+    Draft,
+    /// For each texel the neighbourhood that promises it the smallest error
+    Final,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

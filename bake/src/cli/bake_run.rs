@@ -6,6 +6,7 @@ use crate::cli::say::{self, Interrupt, Style};
 use crate::cli::stopwatch::Stopwatch;
 use crate::error::{Error, Finding};
 use crate::geom::texel::TexelMap;
+use crate::output::denoise::{self, DenoiseStats};
 use crate::output::folder::Staging;
 use crate::output::page::{Page, PageStats};
 use crate::output::{self, assemble, exr, preview, record, scene_glb, texture, view};
@@ -228,15 +229,24 @@ impl Job<'_> {
             let mean = total as f64 / solution.texels.len().max(1) as f64;
             let samples = Samples { total, min, mean, max };
             let (rounds, audit) = (solution.rounds.clone(), solution.audit.clone());
-            let (mut page, filled) = assemble::page(self.plan, map, solution, directions);
+            let clean = denoise::denoise(self.plan, &map, &solution);
+            self.watch.lap("denoise");
+            let (mut page, filled) = assemble::page(self.plan, map, solution, clean, directions);
             exr::write_page(&self.staging.path(&record::page_file(number)), &page)?;
             preview::write_page(&self.staging.path(&record::preview_file(number)), &page, self.exposure)?;
             preview::write_error(&self.staging.path(&record::error_file(number)), &page)?;
             let texture = self.texture(number, &page)?;
-            let stats = PageStats::of(&page);
-            baked.figures.push(record::PageFigures { stats, filled, samples, rounds, audit, texture });
-            page.std_err = Vec::new();
-            (page.direct, page.indirect, page.sh1) = (None, None, None);
+            let (stats, denoised) = (PageStats::of(&page), DenoiseStats::of(&page));
+            baked.figures.push(record::PageFigures {
+                stats,
+                denoised,
+                filled,
+                samples,
+                rounds,
+                audit,
+                texture,
+            });
+            page.keep_radiance();
             baked.pages.push(page);
             self.watch.lap("write");
             self.interrupt.check()?;

@@ -1,14 +1,14 @@
 //! Reads scene and configuration and resolves settings.
 
 use crate::cli::args::{
-    DirectArg, GridArgs, LightUnitsArg, MediaArg, OnOff, ProbeArgs, ProbesArg, QualityArg, SceneArgs,
-    SettingsArgs, TextureArg, UnwrapArg,
+    DenoiseArg, DirectArg, GridArgs, LightUnitsArg, MediaArg, OnOff, ProbeArgs, ProbesArg, QualityArg,
+    SceneArgs, SettingsArgs, TextureArg, UnwrapArg,
 };
 use crate::cli::say;
 use crate::error::{Error, Finding};
 use crate::geom::atlas::{Engine, Unwrap};
 use crate::light::Direct;
-use crate::plan::settings::{Fineness, Probes, Sampling, TextureFormat};
+use crate::plan::settings::{Denoise, Fineness, Probes, Sampling, TextureFormat};
 use crate::plan::{MediaMode, Quality, Settings, Tracing};
 use crate::scene::config::{Config, RunConfig};
 use crate::scene::document::Document;
@@ -80,11 +80,7 @@ pub(crate) fn load(args: &SceneArgs) -> Result<Input, Error> {
 
 /// Findings about run options that later versions will know.
 fn idle(run: &RunConfig) -> Vec<Finding> {
-    let words = [
-        ("denoise", run.denoise.is_some()),
-        ("audit", run.audit.is_some()),
-        ("force", !run.force.is_empty()),
-    ];
+    let words = [("audit", run.audit.is_some()), ("force", !run.force.is_empty())];
     let given = words.into_iter().filter(|(_, given)| *given);
     given
         .map(|(word, _)| {
@@ -315,6 +311,20 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
             TextureArg::Rgba16f => Some(TextureFormat::Rgba16f),
             TextureArg::None => None,
         },
+        denoise: denoise(args.denoise, run)?,
+    })
+}
+
+/// Whether lightmaps are denoised: by the command line, else the configuration file.
+fn denoise(arg: Option<DenoiseArg>, run: &RunConfig) -> Result<Denoise, Error> {
+    let arg = match (arg, &run.denoise) {
+        (None, Some(text)) => word(text, "run.denoise")?,
+        (given, _) => given.unwrap_or(DenoiseArg::Off),
+    };
+    Ok(match arg {
+        DenoiseArg::Off => Denoise::Off,
+        DenoiseArg::Draft => Denoise::Draft,
+        DenoiseArg::Final => Denoise::Final,
     })
 }
 

@@ -1,12 +1,14 @@
 //! Puts solved texels into a page: validity, fill, gutter.
 
 use crate::geom::texel::TexelMap;
+use crate::output::denoise::Light;
 use crate::output::dilate::{self, Filled, NO_CHART};
 use crate::output::page::{Page, PageStats};
 use crate::plan::Plan;
 use crate::solve::directional::Direction;
 use crate::solve::lightmap::Solution;
 use crate::solve::visible::Validity;
+use glam::Vec3;
 
 /// Rings around valid texels within which a texel that seems to lie inside a double-sided body is
 /// filled from them. Bicubic filters reach two texels; deeper ones keep their black, because a room
@@ -18,23 +20,34 @@ const BATCH: usize = 1 << 16;
 
 /// A page from its solution: every covered texel has its value, hidden ones are filled from their
 /// chart, and charts continue outwards by the plan's padding. The solution's memory is given back
-/// while the page's fills.
+/// while the page's fills. `clean` is what denoising made of the texels, if it was asked for.
 #[must_use]
 pub fn page(
     plan: &Plan,
     map: TexelMap,
     mut solution: Solution,
+    mut clean: Option<Vec<Light>>,
     directions: Option<Vec<Direction>>,
 ) -> (Page, Filled) {
     let mut sheet = Sheet::new(&map);
     if let Some(directions) = directions {
         sheet.page.sh1 = Some(std::array::from_fn(|axis| {
             let mut layer = vec![[0.0; 3]; sheet.charts.len()];
-            for (texel, d) in map.texels.iter().zip(&directions) {
-                layer[*texel as usize] = d[axis].to_array();
+            for (k, (texel, d)) in map.texels.iter().zip(&directions).enumerate() {
+                // What denoising made brighter or darker comes from the same directions.
+                let gain = clean.as_deref().map_or(Vec3::ONE, |clean| {
+                    let (noisy, clean) = (solution.texels[k].value(), clean[k].direct + clean[k].indirect);
+                    Vec3::select(noisy.cmpgt(Vec3::ZERO), clean / noisy, Vec3::ZERO)
+                });
+                layer[*texel as usize] = (d[axis] * gain).to_array();
             }
             layer
         }));
+    }
+    if clean.is_some() {
+        let n = sheet.charts.len();
+        sheet.page.noisy = Some(vec![[0.0; 3]; n]);
+        sheet.page.rmse = Some(vec![[0.0; 3]; n]);
     }
     if plan.settings().split_direct {
         let n = sheet.charts.len();
@@ -44,9 +57,13 @@ pub fn page(
     while !solution.texels.is_empty() {
         // From the end, because only there can a list be shortened in place.
         let start = solution.texels.len().saturating_sub(BATCH);
-        sheet.put(plan, &map, &solution, start);
+        sheet.put(plan, &map, &solution, clean.as_deref(), start);
         solution.texels.truncate(start);
         solution.texels.shrink_to_fit();
+        if let Some(clean) = &mut clean {
+            clean.truncate(start);
+            clean.shrink_to_fit();
+        }
     }
     drop(map);
     let filled = sheet.fill();
@@ -58,7 +75,7 @@ pub fn page(
 #[must_use]
 pub fn figure(plan: &Plan, map: &TexelMap, solution: &Solution) -> PageStats {
     let mut sheet = Sheet::new(map);
-    sheet.put(plan, map, solution, 0);
+    sheet.put(plan, map, solution, None, 0);
     sheet.fill();
     PageStats::of(&sheet.page)
 }
@@ -77,19 +94,34 @@ impl Sheet {
         Self { page: Page::new(width, height), charts: vec![NO_CHART; n], validity: vec![Validity::Valid; n] }
     }
 
-    /// Enters the texels of a solution from number `start` on.
-    fn put(&mut self, plan: &Plan, map: &TexelMap, solution: &Solution, start: usize) {
+    /// Enters the texels of a solution from number `start` on, denoised where `clean` is given.
+    fn put(
+        &mut self,
+        plan: &Plan,
+        map: &TexelMap,
+        solution: &Solution,
+        clean: Option<&[Light]>,
+        start: usize,
+    ) {
         let Self { page, charts, validity } = self;
         for (index, texel) in solution.texels.iter().enumerate().skip(start) {
             let at = map.texels[index] as usize;
-            page.radiance[at] = texel.value().to_array();
+            let (value, mut direct, mut indirect) = (texel.value(), texel.direct(), texel.indirect());
+            page.radiance[at] = value.to_array();
+            if let (Some(clean), Some(noisy), Some(rmse)) = (clean, &mut page.noisy, &mut page.rmse) {
+                let light = clean[index];
+                (direct, indirect) = (light.direct, light.indirect);
+                noisy[at] = value.to_array();
+                page.radiance[at] = (direct + indirect).to_array();
+                rmse[at] = light.rmse.to_array();
+            }
             page.coverage[at] = texel.coverage;
             #[expect(clippy::cast_possible_truncation, reason = "a factor near 1")]
             let factor = solution.factor(texel) as f32;
             page.std_err[at] = (texel.std_err() * factor).to_array();
             if let (Some(d), Some(i)) = (&mut page.direct, &mut page.indirect) {
-                d[at] = texel.direct().to_array();
-                i[at] = texel.indirect().to_array();
+                d[at] = direct.to_array();
+                i[at] = indirect.to_array();
             }
             charts[at] = map.triangles_of(index).first().map_or(NO_CHART, |&t| map.chart(plan.atlas(), t));
             validity[at] = texel.validity;

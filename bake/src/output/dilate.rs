@@ -169,19 +169,23 @@ enum Errors {
     Drop,
 }
 
-/// Layers of light that a page has at most: radiance, its two parts, and three of direction.
-const LAYERS: usize = 6;
+/// Layers of light that a page has at most: radiance, its two parts, what it was before denoising, and three of direction.
+const LAYERS: usize = 7;
 
 /// All layers of one texel.
 #[derive(Clone, Copy, Default)]
 struct Texel {
     light: [[f32; 3]; LAYERS],
     std_err: [f32; 3],
+    rmse: [f32; 3],
 }
 
 impl Texel {
     fn store(&self, page: &mut Page, i: usize) {
         page.std_err[i] = self.std_err;
+        if let Some(rmse) = &mut page.rmse {
+            rmse[i] = self.rmse;
+        }
         for (layer, light) in page.light_layers_mut().zip(self.light) {
             layer[i] = light;
         }
@@ -197,6 +201,9 @@ fn mean(page: &Page, texels: impl Iterator<Item = usize>, errors: Errors) -> Tex
         n += 1.0;
         if errors == Errors::Keep {
             add(&mut sum.std_err, page.std_err[i]);
+            if let Some(rmse) = &page.rmse {
+                add(&mut sum.rmse, rmse[i]);
+            }
         }
         for (to, (_, layer)) in sum.light.iter_mut().zip(page.light_layers()) {
             add(to, layer[i]);
@@ -204,8 +211,7 @@ fn mean(page: &Page, texels: impl Iterator<Item = usize>, errors: Errors) -> Tex
     }
     if 0.0 < n {
         let divide = |layer: &mut [f32; 3]| layer.iter_mut().for_each(|c| *c /= n);
-        sum.light.iter_mut().for_each(divide);
-        divide(&mut sum.std_err);
+        sum.light.iter_mut().chain([&mut sum.std_err, &mut sum.rmse]).for_each(divide);
     }
     sum
 }

@@ -99,7 +99,7 @@ impl Plane<'_> {
 /// Channels in the order of their names, as OpenEXR wants them.
 fn planes_of(page: &Page) -> Vec<(String, Plane<'_>)> {
     let mut planes = vec![("A".to_owned(), Plane::Scalar(&page.coverage))];
-    for (prefix, layer) in page.light_layers().chain([("stderr", &page.std_err)]) {
+    for (prefix, layer) in page.layers() {
         for (channel, name) in ["R", "G", "B"].into_iter().enumerate() {
             let name = if prefix.is_empty() { name.to_owned() } else { format!("{prefix}.{name}") };
             planes.push((name, Plane::Color(layer, channel)));

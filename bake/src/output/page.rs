@@ -24,6 +24,10 @@ pub struct Page {
     /// The direction that light comes from, where it was asked for: parts along x, y and z, nits, signed; see
     /// [`crate::solve::directional`].
     pub sh1: Option<[Vec<[f32; 3]>; 3]>,
+    /// What `radiance` was before denoising, nits, where it was denoised. `std_err` belongs to this.
+    pub noisy: Option<Vec<[f32; 3]>>,
+    /// Estimated root mean squared error of `radiance` after denoising, nits, where it was denoised.
+    pub rmse: Option<Vec<[f32; 3]>>,
 }
 
 impl Page {
@@ -40,6 +44,8 @@ impl Page {
             direct: None,
             indirect: None,
             sh1: None,
+            noisy: None,
+            rmse: None,
         }
     }
 
@@ -49,18 +55,35 @@ impl Page {
         self.width * self.height
     }
 
-    /// The layers of light with their channel prefix: the empty one, `direct`, `indirect`, `sh1.x`, `sh1.y`, `sh1.z`.
+    /// The layers of light with their channel prefix: the empty one, `direct`, `indirect`, `noisy`, `sh1.x`, `sh1.y`, `sh1.z`.
     pub(super) fn light_layers(&self) -> impl Iterator<Item = (&'static str, &Vec<[f32; 3]>)> {
-        let parts = [("direct", self.direct.as_ref()), ("indirect", self.indirect.as_ref())];
-        let parts = parts.into_iter().filter_map(|(name, layer)| Some((name, layer?)));
+        let parts = [("direct", &self.direct), ("indirect", &self.indirect), ("noisy", &self.noisy)];
+        let parts = parts.into_iter().filter_map(|(name, layer)| Some((name, layer.as_ref()?)));
         let directions = self.sh1.iter().flat_map(|d| ["sh1.x", "sh1.y", "sh1.z"].into_iter().zip(d));
         [("", &self.radiance)].into_iter().chain(parts).chain(directions)
     }
 
     /// The same layers in the same order, to be changed.
     pub(super) fn light_layers_mut(&mut self) -> impl Iterator<Item = &mut Vec<[f32; 3]>> {
-        let parts = self.direct.iter_mut().chain(&mut self.indirect);
+        let parts = self.direct.iter_mut().chain(&mut self.indirect).chain(&mut self.noisy);
         std::iter::once(&mut self.radiance).chain(parts).chain(self.sh1.iter_mut().flatten())
+    }
+
+    /// All layers of three channels with their prefix: those of light, `rmse` and `stderr`.
+    pub(super) fn layers(&self) -> impl Iterator<Item = (&'static str, &Vec<[f32; 3]>)> {
+        let errors = self.rmse.iter().map(|layer| ("rmse", layer)).chain([("stderr", &self.std_err)]);
+        self.light_layers().chain(errors)
+    }
+
+    /// Gives back the memory of all layers but radiance and coverage.
+    pub fn keep_radiance(&mut self) {
+        *self = Self {
+            width: self.width,
+            height: self.height,
+            radiance: std::mem::take(&mut self.radiance),
+            coverage: std::mem::take(&mut self.coverage),
+            ..Self::default()
+        };
     }
 
     /// First layer whose length is not `width * height`.
@@ -72,7 +95,7 @@ impl Page {
         if self.std_err.len() != n {
             return Some("std_err");
         }
-        let wrong = self.light_layers().find(|(_, layer)| layer.len() != n);
+        let wrong = self.layers().find(|(_, layer)| layer.len() != n);
         wrong.map(|(name, _)| if name.is_empty() { "radiance" } else { name })
     }
 }
@@ -97,7 +120,7 @@ pub struct PageStats {
 }
 
 impl PageStats {
-    /// Sums in texel order, so that the figures do not depend on threads.
+    /// Of the light as it was gathered: before denoising. Sums in texel order, so that the figures do not depend on threads.
     ///
     /// The channels of a texel come from the same paths, so their errors are taken as fully
     /// correlated: the standard error of luminance is the luminance of the standard errors, an
@@ -105,8 +128,8 @@ impl PageStats {
     #[must_use]
     pub fn of(page: &Page) -> Self {
         let mut stats = Self::default();
-        for ((&radiance, &std_err), &coverage) in page.radiance.iter().zip(&page.std_err).zip(&page.coverage)
-        {
+        let gathered = page.noisy.as_ref().unwrap_or(&page.radiance);
+        for ((&radiance, &std_err), &coverage) in gathered.iter().zip(&page.std_err).zip(&page.coverage) {
             if coverage <= 0.0 {
                 continue;
             }

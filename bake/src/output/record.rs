@@ -2,6 +2,7 @@
 
 use crate::error::Finding;
 use crate::geom::atlas::Unwrap;
+use crate::output::denoise::DenoiseStats;
 use crate::output::dilate::Filled;
 use crate::output::page::PageStats;
 use crate::output::texture;
@@ -41,6 +42,8 @@ pub fn error_file(n: usize) -> String {
 pub struct PageFigures {
     /// Sums over its texels.
     pub stats: PageStats,
+    /// What denoising did, if it was asked for.
+    pub denoised: Option<DenoiseStats>,
     /// What was filled.
     pub filled: Filled,
     /// Paths of its covered texels.
@@ -77,6 +80,7 @@ pub fn manifest(plan: &Plan, inputs: &[InputFile], pages: &[PageFigures], gate: 
         max: pages.iter().map(|p| p.samples.max).max().unwrap_or(0),
     };
     m.error = total.error();
+    m.denoised = pages.iter().filter_map(|p| p.denoised).reduce(DenoiseStats::merge).map(|d| d.figures());
     m.counts = Counts {
         rejected_samples: gate.rejected,
         half_overflows: pages.iter().filter_map(|p| p.texture).map(|t| t.overflows).sum(),
@@ -115,6 +119,7 @@ fn page(plan: &Plan, number: usize, figures: &PageFigures) -> manifest::Page {
         covered_texels: figures.stats.covered,
         mean_luminance: figures.stats.mean_luminance(),
         error: figures.stats.error(),
+        denoised: figures.denoised.map(|d| d.figures()),
         audit: figures.audit.as_ref().map(|a| manifest::Audit {
             classes: a
                 .classes

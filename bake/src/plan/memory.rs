@@ -9,7 +9,7 @@ use super::Plan;
 use crate::geom::atlas::{Atlas, Layout, NO_CHART};
 use crate::geom::cells;
 use crate::geom::world::World;
-use crate::plan::settings::{Sampling, TextureFormat};
+use crate::plan::settings::{Denoise, Sampling, TextureFormat};
 use crate::scene::document::Document;
 use crate::scene::model::{Image, Mesh};
 use glam::Vec2;
@@ -67,7 +67,7 @@ const PER_ENTRY: u64 = 4;
 const PER_CORNERS: u64 = 24;
 
 /// Bytes of the solution for each covered texel.
-pub(crate) const PER_SOLVED: u64 = 92;
+pub(crate) const PER_SOLVED: u64 = 100;
 
 /// Deviations and next samples of each covered texel while a round is planned, and its variance on the page.
 const PER_COVERED_PLANNED: u64 = 16;
@@ -83,6 +83,13 @@ const PER_TEXEL_SPLIT: u64 = 24;
 
 /// Bytes per texel of `sh1`.
 const PER_TEXEL_DIRECTED: u64 = 36;
+/// Bytes per texel of `noisy` and `rmse`.
+const PER_TEXEL_DENOISED: u64 = 24;
+
+/// Bytes for each covered texel while a page is denoised, beside the solution. At the most there are: where texels are (36), what came
+/// out of the first part (28), the second as it was gathered (40), what texels are compared by (48), their noise, the
+/// error that is left and their radius (12), the filtered texels (40), their errors twice (8), whether they are black (1) and what comes out (28).
+const PER_DENOISED: u64 = 36 + 28 + 40 + 48 + 12 + 40 + 8 + 1 + 28;
 
 /// Bytes per texel of a page that is kept for the preview: radiance and coverage.
 const PER_TEXEL_KEPT: u64 = 16;
@@ -142,12 +149,13 @@ impl Memory {
         let triangles = tracing.world.len() as u64;
         let split = if plan.settings().split_direct { PER_TEXEL_SPLIT } else { 0 };
         let directed = if plan.settings().directional.is_some() { PER_TEXEL_DIRECTED } else { 0 };
-        let per_texel = PER_TEXEL + split + directed;
         let per_packed = match plan.settings().texture {
             None => 0,
             Some(TextureFormat::Bc6h) => 1,
             Some(TextureFormat::Rgba16f) => 8,
         };
+        let denoises = plan.settings().denoise != Denoise::Off;
+        let per_texel = PER_TEXEL + split + directed + if denoises { PER_TEXEL_DENOISED } else { 0 };
         let targeted = matches!(plan.settings().sampling, Sampling::Target(_));
         let unwrapped = atlas.layouts.iter().filter(|l| !l.kept);
         let layouts: u64 = atlas.layouts.iter().map(layout_bytes).sum();
@@ -163,7 +171,8 @@ impl Memory {
             let planned = planned.max(figure);
             // What was found of directions stays beside the texels until the page is put together.
             let found = directed * load.covered;
-            let solved = map + PER_SOLVED * load.covered + planned.max(found);
+            let denoised = if denoises { PER_DENOISED * load.covered } else { 0 };
+            let solved = map + PER_SOLVED * load.covered + planned.max(found + denoised);
             let assembled = map + found + (per_texel + PER_TEXEL_FLAGS) * load.texels;
             let dilated = (per_texel + PER_TEXEL_DILATED) * load.texels + PER_BORDER * load.border;
             // The EXR library holds a block for each thread and two more, raw, sorted and compressed.

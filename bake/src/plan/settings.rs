@@ -177,6 +177,30 @@ impl TextureFormat {
     }
 }
 
+/// Whether and how well lightmaps are denoised.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Denoise {
+    /// They stay as they were gathered.
+    #[default]
+    Off,
+    /// One small neighbourhood for all texels.
+    Draft,
+    /// Each texel has the neighbourhood that promises it the smallest error.
+    Final,
+}
+
+impl Denoise {
+    /// Name on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::Draft => "draft",
+            Self::Final => "final",
+        }
+    }
+}
+
 /// Resolved settings of a bake.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
@@ -216,6 +240,8 @@ pub struct Settings {
     pub split_direct: bool,
     /// Format of textures beside the EXRs; `None`: there are none.
     pub texture: Option<TextureFormat>,
+    /// Whether and how well lightmaps are denoised.
+    pub denoise: Denoise,
 }
 
 impl Settings {
@@ -300,6 +326,7 @@ impl Settings {
             ("directional", json!(self.directional)),
             ("split_direct", json!(self.split_direct)),
             ("texture", json!(self.texture.map_or("none", TextureFormat::name))),
+            ("denoise", json!(self.denoise.name())),
         ];
         pairs.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
     }

@@ -204,7 +204,8 @@ mod tests {
         map.texels = (0..n).map(|i| 2 * i).collect();
         let texel = |&e: &f32| {
             let mut texel = Texel::default();
-            texel.paths = Gathered { mean: Vec3::ONE, std_err: Vec3::splat(e), samples: 16 };
+            texel.paths =
+                Gathered { mean: Vec3::ONE, std_err: Vec3::splat(e), samples: 16, ..Gathered::default() };
             texel
         };
         (map, Solution { texels: errors.iter().map(texel).collect(), ..Solution::default() })

@@ -217,8 +217,12 @@ mod tests {
         let texel = |i: u32, side: u64, size: f32| {
             let u: f32 = (0..3).flat_map(|k| Sequence::new(key(k, side, u64::from(i)), 0).next4()).sum();
             let mut t = Texel::default();
-            t.paths =
-                Gathered { mean: Vec3::splat(100.0 + size * (u - 6.0)), std_err: Vec3::ONE, samples: 16 };
+            t.paths = Gathered {
+                mean: Vec3::splat(100.0 + size * (u - 6.0)),
+                std_err: Vec3::ONE,
+                samples: 16,
+                ..Gathered::default()
+            };
             t
         };
         (0..n).map(|i| [texel(i, 0, size), texel(i, 1, 0.5), texel(i, 2, 0.5)]).collect()
@@ -242,7 +246,12 @@ mod tests {
         let audit = Audit { classes: vec![class(0.01, 0.5), class(0.2, 1.5)], ..Audit::default() };
         let factor = |std_err: f32| {
             let mut t = Texel::default();
-            t.paths = Gathered { mean: Vec3::ONE, std_err: Vec3::splat(std_err), samples: 16 };
+            t.paths = Gathered {
+                mean: Vec3::ONE,
+                std_err: Vec3::splat(std_err),
+                samples: 16,
+                ..Gathered::default()
+            };
             audit.factor(&t)
         };
         assert_eq!([0.0, 0.005, 0.1, 0.5].map(factor), [0.5, 0.5, 1.5, 1.0]);

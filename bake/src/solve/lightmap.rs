@@ -6,7 +6,7 @@ use crate::geom::texel::{TexelMap, TexelSampler};
 use crate::geom::world::luminance;
 use crate::sample::{Sequence, sequence};
 use crate::scene::model::Rgb;
-use crate::solve::accumulate::{Gate, Rejected, mean_and_error};
+use crate::solve::accumulate::{Gate, Rejected, halves, mean_and_error};
 use crate::solve::audit::Audit;
 use crate::solve::monitor::{ErrorSums, Monitor};
 use crate::solve::visible::{Cells, Side, Validity, Visible, cell_index, receiver};
@@ -73,16 +73,21 @@ pub struct Gathered {
     pub mean: Rgb,
     /// Its standard error, nits.
     pub std_err: Rgb,
+    /// Luminance of one half of the samples against the other, nits: a number whose mean square is the variance of
+    /// `mean`. See [`halves`].
+    pub halves: f32,
     /// Number of samples.
     pub samples: u32,
 }
 
 impl Gathered {
     fn of(samples: &[Sample]) -> Self {
-        let (mean, std_err) = mean_and_error(samples.iter().map(|s| s.direct + s.indirect));
+        let all = || samples.iter().map(|s| s.direct + s.indirect);
+        let (mean, std_err) = mean_and_error(all());
+        let halves = halves(all().map(luminance));
         #[expect(clippy::cast_possible_truncation, reason = "as many as were asked for")]
         let samples = samples.len() as u32;
-        Self { mean, std_err, samples }
+        Self { mean, std_err, halves, samples }
     }
 
     /// Both together, weighed by their numbers of samples and not by their variances: few samples that missed
@@ -91,7 +96,13 @@ impl Gathered {
         let samples = self.samples + o.samples;
         let part = o.samples as f32 / samples.max(1) as f32;
         let (old, new) = (self.std_err * (1.0 - part), o.std_err * part);
-        Self { mean: self.mean.lerp(o.mean, part), std_err: (old * old + new * new).map(f32::sqrt), samples }
+        Self {
+            mean: self.mean.lerp(o.mean, part),
+            std_err: (old * old + new * new).map(f32::sqrt),
+            // Both rounds have halves of their own, which are independent.
+            halves: self.halves * (1.0 - part) + o.halves * part,
+            samples,
+        }
     }
 }
 
@@ -112,6 +123,12 @@ impl Texel {
     #[must_use]
     pub fn indirect(&self) -> Rgb {
         (self.paths.mean - self.unreflected).max(Vec3::ZERO) + self.scattered
+    }
+
+    /// Whether the light is that of the surface's back.
+    #[must_use]
+    pub fn turned(&self) -> bool {
+        self.side == Side::BackOfDoubleSided
     }
 
     /// Standard error of [`Texel::value`], nits.

@@ -90,8 +90,11 @@ pub struct Manifest {
     pub findings: Vec<Finding>,
     /// Paths traced; replaying with these counts gives the same bytes.
     pub samples: Samples,
-    /// Error figure of the whole bake.
+    /// Error figure of the whole bake, before denoising.
     pub error: ErrorFigure,
+    /// What denoising did, where lightmaps were denoised.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub denoised: Option<Denoised>,
     /// What had to be repaired or clamped.
     pub counts: Counts,
     /// What `preview.png` multiplied light by before tone mapping, 1/nit: 0.18 over the luminance of an average place.
@@ -160,6 +163,9 @@ pub struct Page {
     pub mean_luminance: f64,
     /// Error figure of this page.
     pub error: ErrorFigure,
+    /// What denoising did to this page, where it was denoised.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub denoised: Option<Denoised>,
     /// How the standard errors were checked; none where too few texels are lit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub audit: Option<Audit>,
@@ -216,6 +222,23 @@ pub struct ErrorFigure {
     pub relative: Option<f64>,
     /// Largest standard error of luminance of one texel, nits.
     pub max_std_err: f64,
+}
+
+/// What denoising did to covered texels.
+///
+/// The error is an estimate of the root mean squared error that is left, noise and blur together; the pages
+/// hold it per texel as `rmse`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Denoised {
+    /// Estimated root mean squared error of luminance, nits (of `E / pi`).
+    pub rms_error: f64,
+    /// `rms_error` over the mean luminance; absent where the mean is zero or nothing is covered.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub relative: Option<f64>,
+    /// Largest estimated error of luminance of one texel, nits.
+    pub max_error: f64,
+    /// Part of the texels whose luminance changed by more than three of their standard errors.
+    pub changed: f64,
 }
 
 /// Where one surface's texels are.
@@ -525,6 +548,7 @@ impl Manifest {
             findings: Vec::new(),
             samples: Samples::default(),
             error: ErrorFigure::default(),
+            denoised: None,
             counts: Counts::default(),
             exposure: None,
             camera: None,
@@ -710,6 +734,7 @@ mod tests {
             covered_texels: 77,
             mean_luminance: 0.1,
             error: ErrorFigure { rms_std_err: 1e-3, relative: Some(1e-2), max_std_err: 0.3 },
+            denoised: Some(Denoised { rms_error: 4e-4, relative: Some(4e-3), max_error: 0.2, changed: 0.01 }),
             audit: Some(Audit {
                 classes: vec![AuditClass { up_to: 0.5, audited: 128, factor: 0.75 }],
                 bias: -0.5,
