@@ -10,7 +10,7 @@ use crate::output::denoise::{self, DenoiseStats};
 use crate::output::folder::Staging;
 use crate::output::page::{Page, PageStats};
 use crate::output::{self, assemble, exr, preview, record, scene_glb, texture, view};
-use crate::plan::settings::{Probes, Sampling};
+use crate::plan::settings::{Denoise, Probes, Sampling};
 use crate::plan::{self, Plan};
 use crate::scene::document::Document;
 use crate::scene::model::Camera;
@@ -28,7 +28,7 @@ use crate::transport::{Kernel, Vertex};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
-use tables::format::manifest::Samples;
+use tables::format::manifest::{Denoised, ErrorFigure, Samples};
 
 pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Error> {
     if args.resume || args.shard.is_some() || args.of.is_some() {
@@ -77,14 +77,14 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
         manifest.camera = Some(record::camera(&camera));
         manifest.light_grid = baked.light_grid;
         manifest.probes = baked.probes;
-        let error = manifest.error;
+        let (error, denoised) = (manifest.error, manifest.denoised);
         watch.lap("write");
         interrupt.check()?;
         let timings =
             watch.timings(baked.monitor.rays(), baked.monitor.paths(), rayon::current_num_threads());
         staging.commit(manifest, &timings)?;
         input::say_responses(plan.tracing());
-        style.stage("done", &summary(&folder, &plan, &error, &timings));
+        style.stage("done", &summary(&folder, &plan, (&error, denoised), &timings));
         if let (Sampling::Target(wanted), Some(reached)) = (&plan.settings().sampling, error.relative)
             && f64::from(*wanted) < reached
         {
@@ -115,11 +115,15 @@ fn light_summary(input: &Input) -> String {
 fn summary(
     folder: &Path,
     plan: &Plan,
-    error: &tables::format::manifest::ErrorFigure,
+    (error, denoised): (&ErrorFigure, Option<Denoised>),
     timings: &tables::format::manifest::Timings,
 ) -> String {
     let pages = plan.atlas().pages.len();
-    let error = error.relative.map_or_else(|| "black".to_owned(), |r| format!("error {:.2} %", 100.0 * r));
+    let mut error =
+        error.relative.map_or_else(|| "black".to_owned(), |r| format!("error {:.2} %", 100.0 * r));
+    if let Some(left) = denoised.and_then(|d| d.relative) {
+        error += &format!(", about {:.2} % denoised", 100.0 * left);
+    }
     format!(
         "{} ({pages} page{}, {error}, {}, peak {})",
         folder.display(),
@@ -298,7 +302,12 @@ impl Job<'_> {
         let area = |p: &crate::geom::atlas::Page| f64::from(p.width) * f64::from(p.height);
         let rest = &self.plan.atlas().pages[page..];
         let all: f64 = rest.iter().map(area).sum();
-        let after = Duration::from_secs_f64(PICTURE_SECONDS + WRITE_SECONDS * all);
+        let denoise = match self.plan.settings().denoise {
+            Denoise::Off => 0.0,
+            Denoise::Draft => DENOISE_SECONDS[0],
+            Denoise::Final => DENOISE_SECONDS[1],
+        } / rayon::current_num_threads() as f64;
+        let after = Duration::from_secs_f64(PICTURE_SECONDS + (WRITE_SECONDS + denoise) * all);
         let left = end.saturating_duration_since(now).saturating_sub(after);
         now + left.mul_f64(area(&rest[0]) / all.max(1.0))
     }
@@ -396,6 +405,9 @@ const PICTURE_SECONDS: f64 = 0.8;
 
 /// What a time budget keeps for writing a texel of a page, seconds; measured 0.4 to 0.8 microseconds, and 0.2 to 0.5 more for a texture.
 const WRITE_SECONDS: f64 = 1e-6;
+
+/// What a time budget keeps for denoising a texel of a page, processor seconds, `draft` and `final`.
+const DENOISE_SECONDS: [f64; 2] = [2e-5, 6e-5];
 
 /// How much a plan gathers in each texel.
 pub(crate) fn effort(plan: &Plan, samples: u32, seed: u64) -> lightmap::Effort {

@@ -2,7 +2,7 @@
 //!
 //! A page is one 32-bit float layer: `R G B` hold `E / pi` in nits, `A` coverage, `stderr.R/G/B`
 //! the standard error of the mean, `direct.*` and `indirect.*` the two parts of the light where
-//! they were asked for. Zip compression; channels are read from the page in place while writing.
+//! they were asked for; where it was denoised, `noisy.*` what it was before and `rmse.*` the error that is left. Zip compression; channels are read from the page in place while writing.
 
 use std::{
     fs::File,
