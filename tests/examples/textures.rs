@@ -28,6 +28,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     let path = |name: &str| dir.path().join(name);
     let (plain, ()) = least(|| plain_exr(&path("plain.exr"), &page))?;
     report("EXR, not read back", plain, plain, fs::metadata(path("plain.exr"))?.len());
+    let rgb = || Ok(exr::write_rgb(&path("rgb.exr"), page.width, page.height, &page.radiance)?);
+    report(
+        "EXR of red, green and blue alone, not read back",
+        least(rgb)?.0,
+        plain,
+        fs::metadata(path("rgb.exr"))?.len(),
+    );
     let (whole, ()) = least(|| exr::write_page(&path("a.exr"), &page).map_err(Into::into))?;
     report("EXR", whole, plain, fs::metadata(path("a.exr"))?.len());
     for format in [TextureFormat::Bc6h, TextureFormat::Rgba16f] {
