@@ -449,7 +449,7 @@ fn scene_glb_is_valid() {
         let grave: Vec<&Value> = issues["messages"].as_array().unwrap().iter().filter(grave).collect();
         // That glTF itself knows PNG and JPEG alone is a warning for each page.
         let known = |m: &&Value| m["severity"] == 1 && m["code"] == "IMAGE_UNRECOGNIZED_FORMAT";
-        assert!(grave.iter().all(|m| known(m)), "{issues:#}");
+        assert!(grave.iter().all(known), "{issues:#}");
         assert_eq!(grave.len(), scene.baked.pages.len(), "{issues:#}");
         let glb = gltf::Gltf::from_slice(&scene.baked.files["scene.glb"]).unwrap();
         assert!(glb.extensions_required().next().is_none());
