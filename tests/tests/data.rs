@@ -1,4 +1,4 @@
-//! The scenes checked in under `data/` are the bytes their generators write.
+//! What is checked in under `data/` is what its generators write.
 //!
 //! `UPDATE_EXPECT=1 cargo test -p suite --test data` rewrites them.
 
@@ -7,6 +7,7 @@
 use std::{env, fs, path::Path};
 
 use suite::scenes;
+use tables::format::manifest::Manifest;
 
 fn check(name: &str, bytes: &[u8]) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../data").join(name);
@@ -27,4 +28,9 @@ fn hall_is_what_the_generator_writes() {
     let bytes = scenes::hall::hall();
     assert!(bytes.len() < 300_000, "{} bytes", bytes.len());
     check("hall.glb", &bytes);
+}
+
+#[test]
+fn schema_is_that_of_the_manifest() {
+    check("manifest.schema.json", Manifest::schema().as_bytes());
 }
