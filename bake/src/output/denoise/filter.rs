@@ -59,13 +59,12 @@ impl Kernel<'_> {
         near.each(i, self.radius[i], |j, squared, surface| {
             let radius = self.radius[i].min(self.radius[j]);
             let space = 1.0 - squared / (radius * radius);
-            // With a radius of 0 this is negative or not a number.
-            if !(0.0 < space) {
-                return;
-            }
-            let x: f32 = self.alike.iter().map(|a| a.difference(i, j)).sum();
-            if x < 1.0 {
-                f(j, space * surface * (1.0 - x) * (1.0 - x));
+            // With a radius of 0 it is negative or not a number.
+            if 0.0 < space {
+                let x: f32 = self.alike.iter().map(|a| a.difference(i, j)).sum();
+                if x < 1.0 {
+                    f(j, space * surface * (1.0 - x) * (1.0 - x));
+                }
             }
         });
     }
