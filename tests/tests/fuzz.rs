@@ -326,6 +326,7 @@ fn attempt(name: &str, bytes: &[u8], folder: Option<&Path>, config: Option<&str>
         split_direct: false,
         texture: None,
         denoise: Denoise::Off,
+        seams: true,
     };
     let Ok(plan) = plan::make(scene, findings, settings, &|_, _| true) else { return "plan refused" };
     assert!(plan.memory(&document).peak() < 1 << 36, "a plan of a small file that states absurd memory");
@@ -341,7 +342,7 @@ fn bake_a_little(plan: &Plan, document: &Document) {
     let monitor = Monitor::default();
     let solution = lightmap::bake_page(&kernel, plan.atlas(), &map, 0, effort, &BTreeSet::new(), &monitor)
         .expect("nobody stops it");
-    let (page, _) = assemble::page(plan, map, solution);
+    let (page, ..) = assemble::page(plan, map, solution);
     let wrong = page.radiance.iter().flatten().find(|v| !(v.is_finite() && 0.0 <= **v));
     assert_eq!(wrong, None, "a texel that is no light");
     let folder = tempfile::tempdir().expect("a folder");

@@ -126,6 +126,9 @@ pub(crate) struct SettingsArgs {
     /// [default: off]
     #[arg(long, value_enum)]
     pub(crate) denoise: Option<DenoiseArg>,
+    /// Make both sides of seams look the same: within meshes and where objects touch [default: on]
+    #[arg(long, value_enum, value_name = "WHETHER")]
+    pub(crate) seams: Option<OnOff>,
     /// Seed of all random numbers [default: 0]
     #[arg(long, value_name = "N")]
     pub(crate) seed: Option<u64>,

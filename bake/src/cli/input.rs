@@ -270,6 +270,11 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
         (None, Some(text)) => word(text, "run.texture")?,
         (None, None) => TextureArg::Bc6h,
     };
+    let seams = match (args.seams, &run.seams) {
+        (Some(s), _) => s,
+        (None, Some(text)) => word(text, "run.seams")?,
+        (None, None) => OnOff::On,
+    };
     let media = media(args.media, run, scene)?;
     let quality = self::quality(quality);
     let texels_per_metre = args.texels_per_metre.or(run.texels_per_metre).or(scene.texels_per_metre);
@@ -312,6 +317,7 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
             TextureArg::None => None,
         },
         denoise: denoise(args.denoise, run)?,
+        seams: seams == OnOff::On,
     })
 }
 

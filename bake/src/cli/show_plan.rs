@@ -160,6 +160,7 @@ fn to_json(plan: &Plan, cost: &Cost, memory: &Memory) -> Value {
         "texels_per_metre": plan.atlas().texels_per_metre,
         "charts": plan.atlas().charts,
         "utilisation": plan.atlas().utilisation,
+        "seams": plan.seams().list.len(),
         "covered_texels": cost.covered,
         "paths": cost.paths,
         "memory": memory,
@@ -186,6 +187,9 @@ fn print(plan: &Plan, cost: &Cost, memory: &Memory, explain: bool, units: &str, 
         atlas.pages.len(),
         100.0 * atlas.utilisation
     );
+    if plan.settings().seams {
+        println!("  {} seams between them to stitch", plan.seams().list.len());
+    }
     if explain {
         println!("settings");
         for (name, value) in plan.settings().to_map() {
@@ -200,10 +204,13 @@ fn print(plan: &Plan, cost: &Cost, memory: &Memory, explain: bool, units: &str, 
             ("atlas", m.atlas),
             ("rays", m.tracing),
             ("or building their tree", m.build),
+            ("finding seams", m.seams),
             ("filling the light grid", m.grid),
             ("finding the irradiance cache", m.cache),
+            ("or light probes", m.probes),
             ("or gathering a page", m.gather),
             ("or writing a page", m.write),
+            ("or stitching seams", m.stitch),
             ("or writing the scene", m.export),
         ] {
             println!("  {what:<28} {}", say::bytes(n));

@@ -4,6 +4,7 @@ pub mod atlas;
 pub mod bvh;
 pub mod cells;
 pub mod ray;
+pub mod seams;
 pub mod shade;
 pub mod texel;
 pub mod voxels;

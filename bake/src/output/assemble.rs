@@ -4,6 +4,7 @@ use crate::geom::texel::TexelMap;
 use crate::output::denoise::Light;
 use crate::output::dilate::{self, Filled, NO_CHART};
 use crate::output::page::{Page, PageStats};
+use crate::output::stitch::Bits;
 use crate::plan::Plan;
 use crate::solve::directional::Direction;
 use crate::solve::lightmap::Solution;
@@ -19,8 +20,8 @@ const ENCLOSED_RINGS: usize = 2;
 const BATCH: usize = 1 << 16;
 
 /// A page from its solution: every covered texel has its value, hidden ones are filled from their
-/// chart, and charts continue outwards by the plan's padding. The solution's memory is given back
-/// while the page's fills. `clean` is what denoising made of the texels, if it was asked for.
+/// chart, and charts continue outwards by the plan's padding. Also which texels are not filled but gathered. The
+/// solution's memory is given back while the page's fills. `clean` is what denoising made of the texels, if it was asked for.
 #[must_use]
 pub fn page(
     plan: &Plan,
@@ -28,7 +29,7 @@ pub fn page(
     mut solution: Solution,
     mut clean: Option<Vec<Light>>,
     directions: Option<Vec<Direction>>,
-) -> (Page, Filled) {
+) -> (Page, Filled, Bits) {
     let mut sheet = Sheet::new(&map);
     if let Some(directions) = directions {
         sheet.page.sh1 = Some(std::array::from_fn(|axis| {
@@ -66,9 +67,9 @@ pub fn page(
         }
     }
     drop(map);
-    let filled = sheet.fill();
+    let (filled, gathered) = sheet.fill();
     dilate::fill_gutter(&mut sheet.page, &sheet.charts, plan.settings().padding);
-    (sheet.page, filled)
+    (sheet.page, filled, gathered)
 }
 
 /// The figures that the page of a solution will have, which stays as it is.
@@ -129,7 +130,7 @@ impl Sheet {
     }
 
     /// Gives texels that cannot be seen the light of their chart.
-    fn fill(&mut self) -> Filled {
+    fn fill(&mut self) -> (Filled, Bits) {
         let Self { page, charts, validity } = self;
         let validity = std::mem::take(validity);
         let near = near_valid(&validity, charts, page.width, page.height);
@@ -143,7 +144,8 @@ impl Sheet {
             })
             .collect();
         drop((validity, near));
-        dilate::fill_invalid(page, charts, &valid)
+        let gathered = Bits::of(valid.len(), |i| charts[i] != NO_CHART && valid[i]);
+        (dilate::fill_invalid(page, charts, &valid), gathered)
     }
 }
 

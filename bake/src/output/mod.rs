@@ -1,6 +1,6 @@
 //! Files: pages of texels become a bake's folder.
 //!
-//! Solved texels are denoised by [`denoise`] if that is asked for. A finished [`page::Page`] is repaired and padded by [`dilate`], written by [`exr`], as engines take it
+//! Solved texels are denoised by [`denoise`] if that is asked for. A finished [`page::Page`] is repaired and padded by [`dilate`], its seams are closed by [`stitch`]; it is written by [`exr`], as engines take it
 //! by [`texture`], and shown by [`preview`]. [`scene_glb`] writes the scene with its new texture coordinates, [`light_grid`] the light in
 //! media, [`probes`] that of the air. All of it goes
 //! into a [`folder::Staging`] that replaces the previous bake at once when everything is there. [`html`] makes a page
@@ -22,5 +22,6 @@ pub mod preview;
 pub mod probes;
 pub mod record;
 pub mod scene_glb;
+pub mod stitch;
 pub mod texture;
 pub mod view;

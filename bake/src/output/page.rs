@@ -55,24 +55,26 @@ impl Page {
         self.width * self.height
     }
 
-    /// The layers of light with their channel prefix: the empty one, `direct`, `indirect`, `noisy`, `sh1.x`, `sh1.y`, `sh1.z`.
+    /// The layers of light with their channel prefix: the empty one, `direct`, `indirect`, `sh1.x`, `sh1.y`, `sh1.z`.
     pub(super) fn light_layers(&self) -> impl Iterator<Item = (&'static str, &Vec<[f32; 3]>)> {
-        let parts = [("direct", &self.direct), ("indirect", &self.indirect), ("noisy", &self.noisy)];
+        let parts = [("direct", &self.direct), ("indirect", &self.indirect)];
         let parts = parts.into_iter().filter_map(|(name, layer)| Some((name, layer.as_ref()?)));
         let directions = self.sh1.iter().flat_map(|d| ["sh1.x", "sh1.y", "sh1.z"].into_iter().zip(d));
         [("", &self.radiance)].into_iter().chain(parts).chain(directions)
     }
 
-    /// The same layers in the same order, to be changed.
-    pub(super) fn light_layers_mut(&mut self) -> impl Iterator<Item = &mut Vec<[f32; 3]>> {
-        let parts = self.direct.iter_mut().chain(&mut self.indirect).chain(&mut self.noisy);
-        std::iter::once(&mut self.radiance).chain(parts).chain(self.sh1.iter_mut().flatten())
+    /// The same layers in the same order to change, each with whether it may be negative.
+    pub(super) fn light_layers_mut(&mut self) -> impl Iterator<Item = (bool, &mut Vec<[f32; 3]>)> {
+        let parts = self.direct.iter_mut().chain(&mut self.indirect);
+        let unsigned = std::iter::once(&mut self.radiance).chain(parts).map(|layer| (false, layer));
+        unsigned.chain(self.sh1.iter_mut().flatten().map(|layer| (true, layer)))
     }
 
-    /// All layers of three channels with their prefix: those of light, `rmse` and `stderr`.
+    /// All layers of three channels with their prefix: those of light, `noisy`, `rmse` and `stderr`.
     pub(super) fn layers(&self) -> impl Iterator<Item = (&'static str, &Vec<[f32; 3]>)> {
-        let errors = self.rmse.iter().map(|layer| ("rmse", layer)).chain([("stderr", &self.std_err)]);
-        self.light_layers().chain(errors)
+        let others = [("noisy", self.noisy.as_ref()), ("rmse", self.rmse.as_ref())];
+        let others = others.into_iter().filter_map(|(name, layer)| Some((name, layer?)));
+        self.light_layers().chain(others).chain([("stderr", &self.std_err)])
     }
 
     /// Gives back the memory of all layers but radiance and coverage.

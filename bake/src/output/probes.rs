@@ -15,14 +15,12 @@
 use crate::error::{Error, Result};
 use crate::output::folder::Staging;
 use crate::output::ktx::{self, Half, LEVEL, Packing, Texels};
+use crate::plan::memory::MOST_VOXELS;
 use crate::solve::probes::Figures;
 use glam::{UVec3, Vec3};
 use half::f16;
 use tables::format::manifest::{self, ErrorFigure, PROBE_CONVENTION};
 use tables::probes::{CELLS, Light, ProbeVolume};
-
-/// Voxels of the even grid, at most.
-const MOST_VOXELS: u64 = 1 << 17;
 
 /// Coefficients that the even grid has.
 const COEFFICIENTS: usize = 9;

@@ -11,7 +11,7 @@ use crate::geom::cells;
 use crate::geom::world::World;
 use crate::plan::settings::{Denoise, Sampling, TextureFormat};
 use crate::scene::document::Document;
-use crate::scene::model::{Image, Mesh};
+use crate::scene::model::{Image, Mesh, ProbeBox};
 use glam::Vec2;
 use serde::Serialize;
 
@@ -30,14 +30,20 @@ pub struct Memory {
     pub tracing: u64,
     /// What building the tree needs for a moment; includes the finished tree.
     pub build: u64,
+    /// Finding seams; the list of them counts with what rays need.
+    pub seams: u64,
     /// Filling the light grid of media; the filled grid counts with the stages behind it.
     pub grid: u64,
     /// Finding the places of the irradiance cache; the filled cache counts with the stages behind it.
     pub cache: u64,
+    /// Finding and filling light probes.
+    pub probes: u64,
     /// The most that gathering a page needs, with the pages before it.
     pub gather: u64,
     /// The most that putting a page together and writing it needs, with the pages before it.
     pub write: u64,
+    /// Stitching seams, with the pages that wait for it and those before them.
+    pub stitch: u64,
     /// Writing `scene.glb` and the preview, with all pages.
     pub export: u64,
 }
@@ -93,6 +99,18 @@ const PER_DENOISED: u64 = 36 + 28 + 40 + 48 + 12 + 40 + 8 + 1 + 28;
 
 /// Bytes per texel of a page that is kept for the preview: radiance and coverage.
 const PER_TEXEL_KEPT: u64 = 16;
+
+/// A place on a seam while seams are stitched: where it is (56), what is around (24), its row of the equations (72) and
+/// its number (4). `crate::output::stitch` makes them.
+const PER_PLACE: u64 = 156;
+
+/// A texel that is stitched: its place (8), freedom (8), island and place in there (8), result (12), and if there is one
+/// island, start, four vectors and the diagonal (12 + 4 x 24 + 8).
+const PER_STITCHED: u64 = 36 + 116;
+
+/// Texels that are stitched, for each place. Measured: 4.8 in a corridor of large quads, 5.9 in the hall, 6.0 where
+/// seams are short.
+const STITCHED_PER_PLACE: u64 = 6;
 
 /// Chart and validity of each texel while a page is put together.
 const PER_TEXEL_FLAGS: u64 = 5;
@@ -163,7 +181,13 @@ impl Memory {
         let (fill, grid) = grid_bytes(plan);
         let (find, filled) = if plan.settings().caches() { cache_bytes(plan) } else { (0, 0) };
         let (mut kept, mut gather, mut write) = (grid + filled + SHARED_BEAMS, 0, 0);
-        for load in page_loads(atlas) {
+        let seams = plan.seams();
+        let places = seams.places(&tracing.world, atlas);
+        let waiting = seams.join_pages(&tracing.world, atlas);
+        let (mut stitch, mut solved_together, mut written_last) = (0, 0, 0);
+        let all: u64 = atlas.pages.iter().map(|p| u64::from(p.width) * u64::from(p.height)).sum();
+        let shown = kept + PER_TEXEL_KEPT * all;
+        for (load, places) in page_loads(atlas).into_iter().zip(places) {
             let map = PER_LISTED * load.covered + PER_ENTRY * load.entries + PER_CORNERS * load.triangles;
             let planned = PER_COVERED_PLANNED * load.covered + PER_TEXEL_PLANNED * load.texels;
             // A target is measured on the page as it would be written.
@@ -179,11 +203,27 @@ impl Memory {
             let blocks = (rayon::current_num_threads() as u64 + 2) * 3 * EXR_ROWS * load.width * per_texel;
             let images = PER_TEXEL_IMAGE * load.texels + PER_COVERED_IMAGE * load.covered;
             let texture = (per_packed * load.texels).min(TEXTURE) + per_packed * TEXTURE_ROWS * load.width;
-            let written = per_texel * load.texels + images.max(blocks).max(texture);
+            // A debug build holds the file that it reads back beside the page.
+            let read_back = if cfg!(debug_assertions) { per_texel * load.texels } else { 0 };
+            let writing = images.max(blocks + read_back).max(texture);
+            let written = per_texel * load.texels + writing;
             gather = gather.max(kept + solved);
             write = write.max(kept + assembled.max(dilated).max(written));
-            kept += PER_TEXEL_KEPT * load.texels;
+            let stitched = (STITCHED_PER_PLACE * places).min(load.texels);
+            let solving = PER_PLACE * places + PER_STITCHED * stitched;
+            if waiting {
+                // Whole pages wait until all are there, and are then written one after the other.
+                kept += per_texel * load.texels;
+                solved_together += solving;
+                written_last = written_last.max(writing);
+                stitch = kept + solved_together.max(written_last);
+            } else {
+                stitch = stitch.max(kept + per_texel * load.texels + solving);
+                kept += PER_TEXEL_KEPT * load.texels;
+            }
         }
+        // What pages that waited keep for the preview; the others have no more already.
+        let kept = kept.min(shown);
         Self {
             program: PROGRAM,
             scene: document + meshes + images + crate::media::Media::bytes(scene),
@@ -191,12 +231,16 @@ impl Memory {
             atlas: layouts,
             tracing: (World::BYTES as u64 * triangles)
                 + tracing.bvh.bytes() as u64
-                + tracing.lights.bytes() as u64,
+                + tracing.lights.bytes() as u64
+                + seams.bytes() as u64,
             build: BUILD_PER_TRIANGLE * triangles,
+            seams: seams.bytes_to_find() as u64,
             grid: fill,
             cache: grid + find,
+            probes: grid + filled + probe_bytes(plan),
             gather,
             write,
+            stitch,
             // The file is made in memory and then framed: two copies of what all input files hold.
             export: kept + (2 * files).max(PICTURE),
         }
@@ -205,7 +249,8 @@ impl Memory {
     /// Bytes at the peak.
     #[must_use]
     pub fn peak(&self) -> u64 {
-        let stages = self.grid.max(self.cache).max(self.gather).max(self.write).max(self.export);
+        let pages = self.gather.max(self.write).max(self.stitch);
+        let stages = self.seams.max(self.grid).max(self.cache).max(self.probes).max(pages).max(self.export);
         self.program
             + self.scene
             + self.unwrap
@@ -234,6 +279,41 @@ fn grid_bytes(plan: &Plan) -> (u64, u64) {
     let filling = nodes * (links * PER_LINK + 4 * PER_NODE + PER_NODE_FILLED);
     (filling, nodes * (PER_NODE + PER_NODE_FILLED))
 }
+
+/// A light probe while it is gathered and written: place, light twice, figures, its part of bricks and of what cells know.
+const PER_PROBE: u64 = 1200;
+
+/// A triangle in the lists of bricks that it passes through.
+const PER_LISTED_TRIANGLE: u64 = 16;
+
+/// A voxel of the even grids of probes, with both textures.
+const PER_VOXEL: u64 = 208 + 48 + 64;
+
+/// Voxels of the even grid, at most; `crate::output::probes` makes them.
+pub(crate) const MOST_VOXELS: u64 = 1 << 17;
+
+/// Light probes and their files.
+fn probe_bytes(plan: &Plan) -> u64 {
+    let Some(settings) = plan.settings().probes else { return 0 };
+    let world = &plan.tracing().world;
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an estimate, limited")]
+    let whole = |n: f64| n.clamp(0.0, MOST_PROBES) as u64;
+    let probes = match (&plan.scene().probe_boxes, settings.spacing) {
+        (Some(boxes), _) => {
+            // Whole bricks of four cells.
+            let along =
+                |b: &ProbeBox| ((b.max - b.min).as_dvec3() / f64::from(b.spacing) + 4.0).element_product();
+            boxes.iter().map(|b| whole(along(b))).max().unwrap_or(0)
+        }
+        // Six for each square of surface: bricks of four cells on both sides.
+        (None, Some(spacing)) => whole(6.0 * f64::from(world.total_area()) / f64::from(spacing).powi(2)),
+        (None, None) => u64::from(settings.about),
+    };
+    PER_PROBE * probes + PER_LISTED_TRIANGLE * world.len() as u64 + PER_VOXEL * MOST_VOXELS.min(8 * probes)
+}
+
+/// Probes of a volume, at most.
+pub(crate) const MOST_PROBES: f64 = (1u32 << 22) as f64;
 
 /// While the irradiance cache is found, and when it is filled.
 fn cache_bytes(plan: &Plan) -> (u64, u64) {
@@ -434,14 +514,18 @@ mod tests {
             atlas: 8,
             tracing: 16,
             build: 0,
+            seams: 0,
             grid: 0,
             cache: 0,
             gather: 0,
             write: 0,
+            stitch: 0,
+            probes: 0,
             export: 0,
         };
         assert_eq!(none.peak(), 31);
         assert_eq!(Memory { build: 100, ..none }.peak(), 115);
         assert_eq!(Memory { gather: 100, write: 50, export: 70, ..none }.peak(), 131);
+        assert_eq!(Memory { gather: 100, stitch: 110, ..none }.peak(), 141);
     }
 }

@@ -10,6 +10,7 @@ pub mod settings;
 
 use crate::error::{Error, Finding, Severity};
 use crate::geom::atlas::{self, Atlas};
+use crate::geom::seams::Seams;
 use crate::geom::shade::opacity;
 use crate::geom::{Bvh, World};
 use crate::light::{Direct, Lights};
@@ -26,6 +27,7 @@ pub struct Plan {
     scene: Scene,
     tracing: Tracing,
     atlas: Atlas,
+    seams: Seams,
     settings: Settings,
     findings: Vec<Finding>,
 }
@@ -102,7 +104,8 @@ pub fn make(
         .into());
     }
     let tracing = Tracing::new(&scene, settings.media, settings.direct)?;
-    Ok(Plan { scene, tracing, atlas, settings, findings })
+    let seams = if settings.seams { Seams::find(&scene, &tracing.world, &atlas) } else { Seams::default() };
+    Ok(Plan { scene, tracing, atlas, seams, settings, findings })
 }
 
 impl Plan {
@@ -122,6 +125,12 @@ impl Plan {
     #[must_use]
     pub fn atlas(&self) -> &Atlas {
         &self.atlas
+    }
+
+    /// Where surfaces go on at another place of the atlas; none if seams are not to be stitched.
+    #[must_use]
+    pub fn seams(&self) -> &Seams {
+        &self.seams
     }
 
     /// Every setting with its resolved value.

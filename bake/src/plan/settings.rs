@@ -242,6 +242,8 @@ pub struct Settings {
     pub texture: Option<TextureFormat>,
     /// Whether and how well lightmaps are denoised.
     pub denoise: Denoise,
+    /// Whether seams are stitched.
+    pub seams: bool,
 }
 
 impl Settings {
@@ -327,6 +329,7 @@ impl Settings {
             ("split_direct", json!(self.split_direct)),
             ("texture", json!(self.texture.map_or("none", TextureFormat::name))),
             ("denoise", json!(self.denoise.name())),
+            ("seams", json!(self.seams)),
         ];
         pairs.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
     }

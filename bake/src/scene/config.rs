@@ -43,6 +43,7 @@ pub struct RunConfig {
     pub texels_per_metre: Option<f32>,
     pub max_size: Option<u32>,
     pub unwrap: Option<String>,
+    pub seams: Option<String>,
     pub media: Option<String>,
     pub direct: Option<String>,
     pub denoise: Option<String>,
@@ -361,6 +362,7 @@ impl RunConfig {
         let mut word = |key, list: &[&'static str]| t.word(key, list, out).map(str::to_owned);
         let quality = word("quality", &["draft", "medium", "high"]);
         let unwrap = word("unwrap", &["keep", "auto", "always"]);
+        let seams = word("seams", &["on", "off"]);
         // The other words of `--media` come with the media themselves.
         let media = word("media", &["off"]);
         let direct = word("direct", &["auto", "all", "lightcuts", "grid", "published"]);
@@ -394,6 +396,7 @@ impl RunConfig {
             texels_per_metre: texels_per_metre(&mut t, out),
             max_size,
             unwrap,
+            seams,
             media,
             direct,
             denoise,

@@ -106,6 +106,10 @@ pub struct Manifest {
     /// Light in participating media, where it was found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub light_grid: Option<LightGrid>,
+    /// Seams between charts and what stitching did to them, if it was asked for. All errors and means elsewhere are
+    /// those of the light before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seams: Option<Seams>,
     /// Volumes of light probes.
     #[serde(default)]
     pub probes: Vec<Probes>,
@@ -424,6 +428,48 @@ pub struct ProbeGrid {
     pub clamped: u64,
 }
 
+/// Edges where a surface goes on at another place of the atlas.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Seams {
+    /// Pairs of edges, or of parts of edges, that were stitched.
+    pub pairs: u64,
+    /// Their length, metres.
+    pub length: f64,
+    /// Places along them that were compared, at least two a texel.
+    pub places: u64,
+    /// Texels that filters read there, gutter included; only they change.
+    pub texels: u64,
+    /// Steps across them before.
+    pub before: SeamFilters,
+    /// Steps across them after.
+    pub after: SeamFilters,
+    /// Mean luminance of covered texels after minus before, over that before.
+    pub mean_change: f64,
+}
+
+/// Steps across seams by what reads the texture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SeamFilters {
+    /// A bilinear filter.
+    pub bilinear: SeamSteps,
+    /// A bicubic filter (B-spline).
+    pub bicubic: SeamSteps,
+}
+
+/// Differences of luminance between both sides of seams.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SeamSteps {
+    /// Root of the mean square in units of the texels' standard error there, over the seams' length on the pages; places
+    /// without noise are left out.
+    pub rms_noise: f64,
+    /// The greatest in these units.
+    pub max_noise: f64,
+    /// Root of the mean square as a part of the luminance there.
+    pub rms_relative: f64,
+    /// The greatest as a part of the luminance there.
+    pub max_relative: f64,
+}
+
 /// One light and what was baked of it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Light {
@@ -553,6 +599,7 @@ impl Manifest {
             exposure: None,
             camera: None,
             light_grid: None,
+            seams: None,
             probes: Vec::new(),
             files: Vec::new(),
         }
@@ -756,6 +803,16 @@ mod tests {
         });
         m.lights.push(Light { path: "sun".into(), kind: "directional".into(), mode: LightMode::Mixed });
         m.sky = Sky::Gradient { zenith: [0.1, 0.2, 0.3], horizon: [1.0; 3], ground: [0.0; 3] };
+        let steps = SeamSteps { rms_noise: 1.5, max_noise: 4.0, rms_relative: 0.25, max_relative: 0.5 };
+        let filters = SeamFilters { bilinear: steps, bicubic: SeamSteps::default() };
+        m.seams = Some(Seams {
+            pairs: 3,
+            length: 4.5,
+            places: 70,
+            texels: 200,
+            before: filters,
+            ..Seams::default()
+        });
         m.findings.push(Finding { severity: "warning".into(), ..Finding::default() });
         m.samples = Samples { total: 640, min: 8, mean: 8.3, max: 16 };
         m.counts.rejected_samples = 1;

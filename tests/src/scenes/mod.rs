@@ -5,3 +5,4 @@ pub mod hall;
 pub mod hard;
 pub mod lamps;
 pub mod open;
+pub mod seams;

@@ -3,6 +3,7 @@
 use super::number;
 use crate::geom::World;
 use crate::geom::voxels::touched;
+use crate::plan::memory::MOST_PROBES;
 use crate::solve::light_grid::around;
 use glam::{UVec3, Vec3, Vec3A};
 use std::collections::HashMap;
@@ -60,21 +61,25 @@ pub struct Layout {
     pub(super) triangles: Vec<Vec<u32>>,
 }
 
-/// Probes of a box that lies in no scene, and the greatest lattice that is made.
+/// The greatest lattice that is made, in smallest bricks.
 const MOST_BRICKS: f64 = 16e6;
 
+/// Probes of a lattice, at most.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a power of two")]
+const MOST_NODES: usize = MOST_PROBES as usize;
+
 impl Layout {
-    /// `None` for an empty box or scene.
+    /// `None` for an empty box or scene, and for more probes than there may be.
     #[must_use]
     pub fn new(world: &World, place: Where) -> Option<Self> {
         match place {
             Where::Box { min, max, spacing } => {
                 let frame = Frame::within((min - world.origin, max - world.origin), spacing)?;
-                Some(Self::fill(world, frame))
+                Self::fill(world, frame, MOST_NODES)
             }
             Where::Spaced(spacing) => {
                 let frame = Frame::around(around(world, None)?, spacing, LEVELS)?;
-                Some(Self::fill(world, frame))
+                Self::fill(world, frame, MOST_NODES)
             }
             Where::Scene { about } => {
                 let bounds = around(world, None)?;
@@ -85,13 +90,14 @@ impl Layout {
                 for _ in 0..12 {
                     let middle = if fine == 0.0 { coarse * 0.5 } else { 0.5 * (fine + coarse) };
                     let frame = Frame::around(bounds, longest * middle, LEVELS);
-                    let layout = frame.map(|f| Self::fill(world, f));
-                    match layout.filter(|l| l.nodes.len() as u64 <= u64::from(about)) {
+                    match frame.and_then(|f| Self::fill(world, f, about as usize)) {
                         Some(l) => (coarse, best) = (middle, Some(l)),
                         None => fine = middle,
                     }
                 }
-                best.or_else(|| Some(Self::fill(world, Frame::around(bounds, longest * coarse, LEVELS)?)))
+                best.or_else(|| {
+                    Self::fill(world, Frame::around(bounds, longest * coarse, LEVELS)?, MOST_NODES)
+                })
             }
         }
     }
@@ -101,8 +107,8 @@ impl Layout {
         self.origin + at.as_vec3a() * self.spacing
     }
 
-    fn fill(world: &World, Frame { origin, spacing, size, levels }: Frame) -> Self {
-        debug_assert!(0 < levels);
+    /// `None` if there are more than `most` probes.
+    fn fill(world: &World, Frame { origin, spacing, size, levels }: Frame, most: usize) -> Option<Self> {
         let flat = |b: UVec3| ((b.z * size.y + b.y) * size.x + b.x) as usize;
         let side = spacing * SIDE as f32;
         let in_bricks = |t: [Vec3; 3]| t.map(|c| (Vec3A::from(c) - origin) / side);
@@ -126,6 +132,9 @@ impl Layout {
             for y in (0..size.y).step_by(top) {
                 for x in (0..size.x).step_by(top) {
                     out.part(UVec3::new(x, y, z), levels - 1, &occupied, &mut numbers);
+                    if most < out.nodes.len() {
+                        return None;
+                    }
                 }
             }
         }
@@ -139,7 +148,7 @@ impl Layout {
                 }
             });
         }
-        out
+        Some(out)
     }
 
     /// A brick whose first smallest brick is `first`, or the eight that it is parted into.
