@@ -4,7 +4,8 @@
 
 use glam::Vec3;
 use std::f32::consts::PI;
-use suite::baked::Baked;
+use std::io::Read as _;
+use suite::baked::{Baked, Page};
 use suite::scenes::closed::{Room, room};
 use suite::scenes::open;
 use suite::tool;
@@ -68,6 +69,7 @@ fn every_light_of_a_room_has_a_direction() {
     for (a, b) in plain.pages.iter().zip(&baked.pages) {
         assert_eq!(a.channels["G"], b.channels["G"]);
         assert_eq!(b.channels.keys().filter(|c| c.starts_with("sh1")).count(), 9);
+        assert_eq!(texture_of(&baked)[0], half_floats(b));
         for i in (0..b.channels["A"].len()).filter(|i| 0.0 < b.channels["A"][*i]) {
             let s = Vec3::new(b.channels["sh1.x.G"][i], b.channels["sh1.y.G"][i], b.channels["sh1.z.G"][i]);
             let e = b.channels["G"][i];
@@ -76,6 +78,36 @@ fn every_light_of_a_room_has_a_direction() {
         }
     }
     assert!(100 < across, "{across} texels lit from the side");
+}
+
+/// Texels of the texture of directions, layer by layer; read with another reader.
+fn texture_of(baked: &Baked) -> Vec<Vec<u16>> {
+    let of = |page: &tables::format::manifest::Page| {
+        let name = page.directions.as_ref().expect("a texture of directions");
+        let reader = ktx2::Reader::new(&baked.files[name][..]).expect("a KTX2 file");
+        let h = reader.header();
+        assert_eq!((h.format, h.layer_count), (Some(ktx2::Format::R16G16B16A16_SFLOAT), 3));
+        assert_eq!([h.pixel_width, h.pixel_height], [page.width, page.height]);
+        let packed = reader.levels().next().expect("a level").data;
+        let mut bytes = Vec::new();
+        let mut decoder = ruzstd::decoding::StreamingDecoder::new(packed).expect("Zstandard");
+        decoder.read_to_end(&mut bytes).expect("Zstandard");
+        bytes.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect()
+    };
+    baked.manifest.pages.iter().map(of).collect()
+}
+
+/// What that texture has to be: the EXR, rounded.
+fn half_floats(page: &Page) -> Vec<u16> {
+    let half = |c: &str, i: usize| half::f16::from_f32(page.channels[c][i]).to_bits();
+    let mut out = Vec::new();
+    for axis in ["x", "y", "z"] {
+        for i in 0..page.width * page.height {
+            out.extend(["R", "G", "B"].map(|c| half(&format!("sh1.{axis}.{c}"), i)));
+            out.push(half("A", i));
+        }
+    }
+    out
 }
 
 #[test]

@@ -6,6 +6,7 @@ use glam::Vec3;
 use half::f16;
 use serde_json::json;
 use std::f32::consts::PI;
+use std::io::Read as _;
 use suite::baked::Baked;
 use suite::gltf::{Glb, Kind, Material, Node};
 use suite::scenes::closed::{self, Room, room};
@@ -43,6 +44,7 @@ fn a_white_furnace_has_coefficient_0_alone() {
     let fog = "{ sigma_s = 2, g = 0.5 }";
     for (what, v) in [
         ("air", baked(&scene, &args)),
+        ("air, reference", baked(&scene, &[&args[..], &["--media", "reference"]].concat())),
         ("fog, bounded", baked_in(&scene, fog, &args)),
         ("fog, reference", baked_in(&scene, fog, &[&args[..], &["--media", "reference"]].concat())),
     ] {
@@ -168,6 +170,54 @@ fn bases_hold_the_same_light() {
     }
 }
 
+/// Without reflections a probe has the light of lamps alone; of lamps whose direct light the game adds it has what is left, which is nothing then.
+#[test]
+fn only_what_is_wanted_is_gathered() {
+    let with = |mode: &str, args: &[&str]| {
+        let mut glb = Glb::new();
+        let mut s = Shape::default();
+        s.grid(Vec3::new(-4.0, 0.0, 4.0), Vec3::X * 8.0, Vec3::NEG_Z * 8.0, 1, 1);
+        let grey = glb.material(&Material::matte("grey", [0.5; 3]));
+        let mesh = glb.mesh("plane", &[(&s, grey)]);
+        glb.node(Node::new("plane").mesh(mesh));
+        let light = glb.light("lamp", Kind::Point, [1.0; 3], 100.0);
+        let lamp = Node::new("lamp").at([0.0, 3.0, 0.0]).extras(json!({ "mode": mode }));
+        glb.node(Node { light: Some(light), ..lamp });
+        let corner = json!({"min": [0.5, 0.5, 0.5], "max": [1.5, 1.5, 1.5]});
+        glb.scene_extra("probes", json!([{"box": corner, "spacing": 0.25}]));
+        let all = [&["--probe-samples", "512", "--samples", "16"][..], args].concat();
+        let v = volume(&tool::baked(&glb.finish(), &[&COARSE[2..], &all].concat()));
+        let n = v.probes.len() as f32;
+        v.probes.iter().map(|p| p.light.coefficients()[0][1] / n).sum::<f32>()
+    };
+    let [all, lamp] = ["64", "0"].map(|b| with("baked", &["--bounces", b]));
+    let [rest, nothing] = ["64", "0"].map(|b| with("mixed", &["--bounces", b]));
+    println!("lamp and floor {all}, lamp {lamp}, floor {rest}, nothing {nothing}");
+    assert!(nothing == 0.0 && 0.0 < rest && (all / (lamp + rest) - 1.0).abs() < 0.01);
+    for media in ["off", "attenuate", "bounded", "reference"] {
+        let same = with("mixed", &["--media", media, "--irradiance-cache", "off"]);
+        assert!((same / rest - 1.0).abs() < 0.03, "{media}: {same} {rest}");
+    }
+}
+
+/// Probes that a box puts into the floor of a room know nothing of the bright sky beneath it.
+#[test]
+fn probes_in_walls_are_moved_out_of_them() {
+    let mut glb = Glb::new();
+    let mut s = Shape::default();
+    s.cuboid([-1.0; 3], [1.0; 3], suite::shape::ALL);
+    let grey = glb.material(&Material::matte("grey", [0.5; 3]));
+    let mesh = glb.mesh("room", &[(&s.inside_out(), grey)]);
+    glb.node(Node::new("room").mesh(mesh));
+    glb.scene_extra("sky", json!([100, 100, 100]));
+    glb.scene_extra("probes", json!([{"box": {"min": [-1, -1, -1], "max": [1, 1, 1]}, "spacing": 0.5}]));
+    let v = baked(&glb.finish(), &["--probe-samples", "64"]);
+    let worst = v.probes.iter().map(|p| p.light.coefficients()[0][0]).fold(0.0f32, f32::max);
+    let out = v.probes.iter().filter(|p| p.position.iter().any(|x| 1.0 <= x.abs())).count();
+    println!("{} probes, {out} on or outside of walls, at most {worst}", v.probes.len());
+    assert!(out == 0 && worst == 0.0);
+}
+
 /// Places that are evenly spread by chance.
 fn places(n: u32) -> impl Iterator<Item = [f32; 4]> {
     (0..n).map(|i| {
@@ -186,7 +236,7 @@ fn places(n: u32) -> impl Iterator<Item = [f32; 4]> {
 fn nothing_leaks_through_walls() {
     for thickness in [0.0f32, 0.01, 0.05, 0.3] {
         for count in ["250", "1000", "4000"] {
-            let scene = closed::two_rooms(thickness);
+            let scene = closed::rooms_beside(thickness, Vec3::new(2.9, 0.7, -1.7));
             let v = baked(&scene, &["--probe-count", count, "--probe-samples", "16"]);
             let half = 0.5 * thickness;
             let look = |x: f32, [y, z, a, b]: [f32; 4]| {
@@ -286,7 +336,11 @@ fn engines_find_what_the_bricks_hold() {
         let h = reader.header();
         assert_eq!(h.format, Some(ktx2::Format::R16G16B16A16_SFLOAT));
         assert_eq!([h.pixel_width, h.pixel_height, h.pixel_depth], size);
-        let data = reader.levels().next().expect("a level").data.to_vec();
+        assert_eq!(h.supercompression_scheme, Some(ktx2::SupercompressionScheme::Zstandard));
+        let mut data = Vec::new();
+        let packed = reader.levels().next().expect("a level").data;
+        let mut decoder = ruzstd::decoding::StreamingDecoder::new(packed).expect("Zstandard");
+        decoder.read_to_end(&mut data).expect("Zstandard");
         let halves: Vec<f32> =
             data.chunks_exact(2).map(|b| f16::from_le_bytes([b[0], b[1]]).to_f32()).collect();
         move |[x, y, z]: [u32; 3]| -> [f32; 4] {

@@ -116,7 +116,7 @@ pub(crate) struct SettingsArgs {
     /// Also write direct and indirect light apart
     #[arg(long)]
     pub(crate) split_direct: bool,
-    /// Also write the direction that light comes from, for normal maps: SH of band 1, with half as many paths as texels have
+    /// Also write the direction that light comes from, for normal maps: SH of band 1, with half as many paths as the preset or --samples has
     #[arg(long)]
     pub(crate) directional: bool,
     /// What GPU-ready textures beside the EXRs hold [default: bc6h]
@@ -154,13 +154,14 @@ pub(crate) struct ProbeArgs {
     /// Light probes for moving objects and fog: what each keeps of the light, or none [default: l2]
     #[arg(long, value_enum)]
     pub(crate) probes: Option<ProbesArg>,
-    /// About how many probes, nearer to one another where surfaces are [default: 1024 draft, 4096 medium, 16384 high]
+    /// At most so many probes, nearer to one another where surfaces are, and never fewer than a few hundred [default: 1024 draft and with a time budget, 4096 medium,
+    /// 16384 high]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..=1 << 22))]
     pub(crate) probe_count: Option<u32>,
     /// Distance of probes where surfaces are, metres, instead of their number
     #[arg(long, value_name = "X", value_parser = positive, allow_negative_numbers = true, conflicts_with = "probe_count")]
     pub(crate) probe_spacing: Option<f32>,
-    /// Paths from each probe [default: 64 draft, 128 medium, 512 high]
+    /// Paths from each probe, rounded up to a multiple of 16 [default: 64 draft and with a time budget, 128 medium, 512 high]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..=1 << 20))]
     pub(crate) probe_samples: Option<u32>,
 }

@@ -77,6 +77,10 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
         let mut manifest = record::manifest(&plan, &input.document.inputs(), &baked.figures, &baked.gate);
         manifest.exposure = Some(exposure);
         manifest.camera = Some(record::camera(&camera));
+        let in_air = baked.light_grid.iter().map(|g| g.clamped);
+        let in_air = in_air.chain(baked.probes.iter().map(|p| p.grid.clamped)).sum::<u64>();
+        manifest.counts.half_overflows += in_air;
+        manifest.counts.rejected_samples += baked.probes.iter().map(|p| p.rejected_samples).sum::<u64>();
         manifest.light_grid = baked.light_grid;
         manifest.probes = baked.probes;
         manifest.seams = plan.settings().seams.then(|| baked.seams.manifest());
@@ -254,6 +258,7 @@ impl Job<'_> {
                 rounds,
                 audit,
                 texture: None,
+                directions: None,
             });
             self.watch.lap("write");
             waiting.push(Sheet { page, gathered, turned });
@@ -312,11 +317,22 @@ impl Job<'_> {
             preview::write_page(&self.staging.path(&record::preview_file(number)), &page, self.exposure)?;
             preview::write_error(&self.staging.path(&record::error_file(number)), &page)?;
             baked.figures[number].texture = self.texture(number, &page)?;
+            baked.figures[number].directions = self.direction_texture(number, &page)?;
             page.keep_radiance();
             baked.pages.push(page);
         }
         self.watch.lap("write");
         Ok(())
+    }
+
+    /// Writes the directions of a page as a texture if textures are wanted and it has them.
+    fn direction_texture(&self, number: usize, page: &Page) -> Result<Option<texture::Figures>, Error> {
+        let settings = self.plan.settings();
+        if settings.texture.is_none() {
+            return Ok(None);
+        }
+        let path = self.staging.path(&record::directions_file(number));
+        texture::write_directions(&path, page, settings.padding)
     }
 
     /// When sampling of a page has to end: its share of what a time budget leaves beside what comes after.
@@ -361,6 +377,11 @@ impl Job<'_> {
         monitor: &Monitor,
     ) -> Result<Vec<tables::format::manifest::Probes>, Error> {
         let Some(settings) = self.plan.settings().probes else { return Ok(Vec::new()) };
+        if self.plan.scene().probe_boxes.is_some() && settings.spacing.is_some() {
+            let what = "--probe-spacing counts for nothing: the scene says where probes are";
+            let fix = "write the spacing of each box, or remove `probes` from the scene";
+            say::findings(&[Finding::warning("probes", what, fix)], false);
+        }
         let mut written = Vec::new();
         for (number, wanted) in wanted_probes(self.plan, settings).into_iter().enumerate() {
             let probing = say::watch(self.style, "places of probes", 0, monitor, self.interrupt, || {
@@ -377,6 +398,13 @@ impl Job<'_> {
             let (volume, figures) = say::watch(self.style, "probes", paths, monitor, self.interrupt, || {
                 probing.finish(kernel, monitor)
             })?;
+            if 0 < figures.rejected {
+                let what = format!(
+                    "{} samples were not finite or beyond 1e35 nits; they count as black",
+                    figures.rejected
+                );
+                self.complain(Finding::warning(format!("probes {number}"), what, EXTREME))?;
+            }
             written.push(output::probes::write(self.staging, number, &volume, &figures, wanted.samples)?);
         }
         Ok(written)
@@ -402,8 +430,13 @@ impl Job<'_> {
                 "{} samples were not finite or beyond 1e35 nits, the first is number {}; they count as black",
                 gate.rejected, first.sample
             ),
-            "look for lights or transforms with extreme values; --strict makes this an error",
+            EXTREME,
         );
+        self.complain(finding)
+    }
+
+    /// Reports a finding; with `--strict` it ends the bake.
+    fn complain(&self, finding: Finding) -> Result<(), Error> {
         if self.strict {
             return Err(Finding { severity: crate::error::Severity::Error, ..finding }.into());
         }
@@ -433,6 +466,9 @@ impl Job<'_> {
         Ok((exposure, camera))
     }
 }
+
+/// What helps against samples that are not finite.
+const EXTREME: &str = "look for lights or transforms with extreme values; --strict makes this an error";
 
 /// What a time budget keeps for the preview picture, seconds; measured 0.5 to 1 on two cores.
 const PICTURE_SECONDS: f64 = 0.8;

@@ -196,8 +196,13 @@ fn directional(
 ///
 /// # Errors
 ///
-/// If the file's word is not known, or the distance not a length.
-fn probes(args: ProbeArgs, run: &RunConfig, quality: Quality) -> Result<Option<Probes>, Error> {
+/// If the file's word is not known.
+fn probes(
+    args: ProbeArgs,
+    run: &RunConfig,
+    quality: Quality,
+    sampling: &Sampling,
+) -> Result<Option<Probes>, Error> {
     let basis = match (args.probes, &run.probes) {
         (None, Some(text)) => word(text, "run.probes")?,
         (given, _) => given.unwrap_or(ProbesArg::L2),
@@ -209,14 +214,18 @@ fn probes(args: ProbeArgs, run: &RunConfig, quality: Quality) -> Result<Option<P
         ProbesArg::L3 => Basis::L3,
         ProbesArg::Zh3 => Basis::Zh3,
     };
-    let (about, samples) = quality.probes();
+    // A time budget is for the lightmap.
+    let preset =
+        if matches!(sampling, Sampling::Budget(_) | Sampling::Rounds(_)) { Quality::Draft } else { quality };
+    let (about, samples) = preset.probes();
     // A number on the command line stands above a distance in the file, and the other way round.
     let spacing = args.probe_spacing.or(run.probe_spacing.filter(|_| args.probe_count.is_none()));
     Ok(Some(Probes {
         basis,
         about: args.probe_count.or(run.probe_count).unwrap_or(about),
         spacing,
-        samples: args.probe_samples.or(run.probe_samples).unwrap_or(samples),
+        // As many in each of the blocks that state the error.
+        samples: args.probe_samples.or(run.probe_samples).unwrap_or(samples).next_multiple_of(16),
     }))
 }
 
@@ -289,6 +298,7 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
         _ => quality.samples(),
     };
     let directional = directional(args, run, media, (&sampling, samples))?;
+    let probes = probes(args.probes, run, quality, &sampling)?;
     Ok(Settings {
         quality,
         samples,
@@ -307,7 +317,7 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
         light_grid: light_grid(args.grid, quality),
         direct: direct(args.direct, run)?,
         directional,
-        probes: probes(args.probes, run, quality)?,
+        probes,
         seed: args.seed.or(run.seed).unwrap_or(0),
         irradiance_cache: args.irradiance_cache == OnOff::On,
         split_direct: args.split_direct,

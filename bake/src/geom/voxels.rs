@@ -16,13 +16,16 @@ pub fn touched(corners: [Vec3A; 3], size: UVec3, mut f: impl FnMut(UVec3)) {
     }
     let from = (min - SLACK).floor().clamp(Vec3A::ZERO, last).as_uvec3();
     let to = (max + SLACK).floor().clamp(Vec3A::ZERO, last).as_uvec3();
-    let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
-    let reach = (0.5 + SLACK) * normal.abs().element_sum() + SLACK;
+    // In f64: triangles may be thousands of cells long.
+    let [a, b, c] = corners.map(|c| c.as_dvec3());
+    let normal = (b - a).cross(c - a).normalize_or_zero();
+    let slack = f64::from(SLACK);
+    let reach = (0.5 + slack) * normal.abs().element_sum() + slack;
     for z in from.z..=to.z {
         for y in from.y..=to.y {
             for x in from.x..=to.x {
                 let cell = UVec3::new(x, y, z);
-                if (cell.as_vec3a() + 0.5 - corners[0]).dot(normal).abs() <= reach {
+                if (cell.as_dvec3() + 0.5 - a).dot(normal).abs() <= reach {
                     f(cell);
                 }
             }

@@ -123,6 +123,13 @@ impl Emitters {
         Self { list, of_triangle, groups, group }
     }
 
+    /// Whether a triangle belongs to a group that is near a place, see [`Group::is_near`].
+    #[must_use]
+    pub fn is_near(&self, triangle: u32, p: Vec3A) -> bool {
+        let group = self.index(triangle).and_then(|k| self.group_of(k));
+        group.is_some_and(|g| self.groups[g].is_near(p))
+    }
+
     /// Whether a triangle that emits belongs to one of the groups.
     #[must_use]
     pub fn is_grouped(&self, triangle: u32) -> bool {
@@ -275,7 +282,16 @@ impl Emitters {
     }
 }
 
+/// A group is near where it is not farther than this many of its radii.
+const NEAR: f32 = 2.0;
+
 impl Group {
+    /// Whether it fills so much of what a place sees that directions find it by chance.
+    #[must_use]
+    pub fn is_near(&self, p: Vec3A) -> bool {
+        (self.centre - p).length_squared() < NEAR * NEAR * self.radius * self.radius
+    }
+
     fn new(first: usize, members: &[Emitter]) -> Option<Self> {
         let choice = Cdf::new(members.iter().map(|e| f64::from(e.power())))?;
         let power: f32 = members.iter().map(Emitter::power).sum();

@@ -9,7 +9,6 @@ use crate::plan::Plan;
 use crate::solve::directional::Direction;
 use crate::solve::lightmap::Solution;
 use crate::solve::visible::Validity;
-use glam::Vec3;
 
 /// Rings around valid texels within which a texel that seems to lie inside a double-sided body is
 /// filled from them. Bicubic filters reach two texels; deeper ones keep their black, because a room
@@ -36,11 +35,10 @@ pub fn page(
             let mut layer = vec![[0.0; 3]; sheet.charts.len()];
             for (k, (texel, d)) in map.texels.iter().zip(&directions).enumerate() {
                 // What denoising made brighter or darker comes from the same directions.
-                let gain = clean.as_deref().map_or(Vec3::ONE, |clean| {
-                    let (noisy, clean) = (solution.texels[k].value(), clean[k].direct + clean[k].indirect);
-                    Vec3::select(noisy.cmpgt(Vec3::ZERO), clean / noisy, Vec3::ZERO)
-                });
-                layer[*texel as usize] = (d[axis] * gain).to_array();
+                let value = clean
+                    .as_deref()
+                    .map_or_else(|| solution.texels[k].value(), |clean| clean[k].direct + clean[k].indirect);
+                layer[*texel as usize] = (d[axis] * value).to_array();
             }
             layer
         }));

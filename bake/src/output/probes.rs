@@ -22,6 +22,9 @@ use half::f16;
 use tables::format::manifest::{self, ErrorFigure, PROBE_CONVENTION};
 use tables::probes::{CELLS, Light, ProbeVolume};
 
+/// Texels of a three-dimensional texture along one axis, at most: what graphics cards take everywhere.
+const MOST_TEXELS: u32 = 2048;
+
 /// Coefficients that the even grid has.
 const COEFFICIENTS: usize = 9;
 
@@ -112,7 +115,11 @@ impl Voxels {
         let cells = UVec3::from(l.size) * CELLS as u32;
         let mut step = 1;
         let along = |step: u32| cells.map(|n| n.div_ceil(step));
-        while MOST_VOXELS < along(step).as_u64vec3().element_product() {
+        let too_many = |n: UVec3| {
+            let textures = [n.x, 2 * n.y, 3 * n.z, (n.z + 2) * BLOCKS as u32];
+            MOST_VOXELS < n.as_u64vec3().element_product() || textures.iter().any(|n| MOST_TEXELS < *n)
+        };
+        while too_many(along(step)) {
             step += 1;
         }
         let (size, side) = (along(step), l.spacing * step as f32);

@@ -8,6 +8,7 @@ use crate::output::page::PageStats;
 use crate::output::texture;
 use crate::output::view;
 use crate::plan::Plan;
+use crate::plan::settings::TextureFormat;
 use crate::scene::document::InputFile;
 use crate::scene::model::{Camera, LightKind, LightMode, Projection, Sky};
 use crate::solve::accumulate::Gate;
@@ -23,6 +24,12 @@ pub fn page_file(n: usize) -> String {
 #[must_use]
 pub fn texture_file(n: usize) -> String {
     format!("lightmap-{n}.ktx2")
+}
+
+/// GPU-ready directions of page `n`.
+#[must_use]
+pub fn directions_file(n: usize) -> String {
+    format!("lightmap-{n}.sh1.ktx2")
 }
 
 /// Tone-mapped picture of page `n`.
@@ -54,6 +61,8 @@ pub struct PageFigures {
     pub audit: Option<crate::solve::audit::Audit>,
     /// What its texture holds, if there is one.
     pub texture: Option<texture::Figures>,
+    /// The same of the directions of its light.
+    pub directions: Option<texture::Figures>,
 }
 
 /// The manifest of a finished bake; the files themselves are listed by the folder.
@@ -83,7 +92,12 @@ pub fn manifest(plan: &Plan, inputs: &[InputFile], pages: &[PageFigures], gate: 
     m.denoised = pages.iter().filter_map(|p| p.denoised).reduce(DenoiseStats::merge).map(|d| d.figures());
     m.counts = Counts {
         rejected_samples: gate.rejected,
-        half_overflows: pages.iter().filter_map(|p| p.texture).map(|t| t.overflows).sum(),
+        half_overflows: pages
+            .iter()
+            .flat_map(|p| [p.texture, p.directions])
+            .flatten()
+            .map(|t| t.overflows)
+            .sum(),
         filled_texels: pages.iter().map(|p| p.filled.filled).sum(),
         black_charts: pages.iter().map(|p| p.filled.black_charts).sum(),
     };
@@ -113,6 +127,8 @@ fn page(plan: &Plan, number: usize, figures: &PageFigures) -> manifest::Page {
         preview: Some(preview_file(number)),
         texture: texture.map(|_| texture_file(number)),
         texture_figures: texture.map(|(figures, format)| figures.record(format)),
+        directions: figures.directions.map(|_| directions_file(number)),
+        directions_figures: figures.directions.map(|f| f.record(TextureFormat::Rgba16f)),
         width: size.width,
         height: size.height,
         texels_per_metre: plan.atlas().texels_per_metre,

@@ -101,6 +101,24 @@ pub fn write_page(path: &Path, page: &Page, padding: u32, format: TextureFormat)
     maps.write(path, format)
 }
 
+/// Writes the directions of a page's light, if it has them: an array of three layers, x, y and z, of half floats. Relative figures are left out: the
+/// layers have signs.
+///
+/// # Errors
+/// As [`write_page`].
+pub fn write_directions(path: &Path, page: &Page, padding: u32) -> Result<Option<Figures>> {
+    let Some(directions) = &page.sh1 else { return Ok(None) };
+    let maps = Maps {
+        width: page.width,
+        height: page.height,
+        layers: directions.iter().map(Vec::as_slice).collect(),
+        coverage: &page.coverage,
+        padding,
+    };
+    let figures = maps.write(path, TextureFormat::Rgba16f)?;
+    Ok(Some(Figures { relative_rmse: None, log_rmse: None, ..figures }))
+}
+
 impl Maps<'_> {
     /// Writes them, reads them back and compares.
     ///

@@ -1,6 +1,6 @@
 //! The words of light probes: boxes that are filled with them.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use serde_json::Value;
 
 use super::{
@@ -50,7 +50,9 @@ fn probe_box(value: &Value, path: &str, out: &mut Findings) -> Option<ProbeBox> 
         needs("the box is empty", "make every number of max greater than that of min");
         return None;
     }
-    let n = ((max - min).as_dvec3() / f64::from(spacing) + 1.0).element_product();
+    // Whole bricks of four cells.
+    let bricks = ((max - min).as_dvec3() / (4.0 * f64::from(spacing))).ceil().max(DVec3::ONE);
+    let n = (bricks * 4.0 + 1.0).element_product();
     if MOST < n || n.is_nan() {
         let what = format!("{n:.0} probes, and {MOST:.0} are possible");
         needs(&what, "make spacing greater, or the box smaller");

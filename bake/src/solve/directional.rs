@@ -30,7 +30,7 @@ const CHUNK: usize = 64;
 /// Samples, at most, that light straight from suns and lamps is part of.
 const STRAIGHT: u32 = 16;
 
-/// The vector s of the module's text for each colour channel, nits: its parts along x, y and z, each red, green and blue.
+/// The vector s of the module's text over `E / pi`, for each colour channel: its parts along x, y and z, each red, green and blue.
 pub type Direction = [Rgb; 3];
 
 /// Gathers `samples` paths for each texel of a solved page; one entry for each covered texel, zero where nothing is seen.
@@ -109,14 +109,11 @@ fn of_texel(
             }
         });
     }
-    settle(sum, flat, normals.normalize_or_zero(), texel.value())
+    settle(sum, flat, normals.normalize_or_zero())
 }
 
-/// The vector of a texel whose `E / pi` is `value`, from sums of light times direction and of light times cosine over the same samples.
-fn settle(sum: Direction, flat: Rgb, n: Vec3A, value: Rgb) -> Direction {
-    if n == Vec3A::ZERO {
-        return Direction::default();
-    }
+/// The vector of a texel over its `E / pi`, from sums of light times direction and of light times cosine over the same samples.
+fn settle(sum: Direction, flat: Rgb, n: Vec3A) -> Direction {
     let mut out = Direction::default();
     for c in 0..3 {
         // The other channels say something of this one where it found nothing.
@@ -125,16 +122,10 @@ fn settle(sum: Direction, flat: Rgb, n: Vec3A, value: Rgb) -> Direction {
         } else {
             (Vec3A::from(sum.map(luminance)), luminance(flat))
         };
-        if e <= 0.0 {
-            continue;
-        }
-        // Half of the value along the normal, and across it as much of that as the samples say.
-        let across = (v - n * v.dot(n)) / e * (0.5 * value[c]);
-        let length = across.length();
-        let most = 0.5 * MOST * value[c];
-        let across = if most < length { across * (most / length) } else { across };
-        let s = n * (0.5 * value[c]) + across;
-        for (out, s) in out.iter_mut().zip(s.to_array()) {
+        // Half along the normal, and across it as much as the samples say.
+        let across = if 0.0 < e { (v - n * v.dot(n)) * (0.5 / e) } else { Vec3A::ZERO };
+        let across = if across.is_finite() { across.clamp_length_max(0.5 * MOST) } else { Vec3A::ZERO };
+        for (out, s) in out.iter_mut().zip((n * 0.5 + across).to_array()) {
             out[c] = s;
         }
     }
@@ -148,39 +139,36 @@ const MOST: f32 = 1.732_050_8;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::f32::consts::PI;
 
-    /// Light of one direction at 60 degrees and of all directions, from the closed forms of their sums.
+    /// Light of one direction at 37 degrees and of all directions, from the closed forms of their sums: s over `E / pi` is half of the direction over the cosine.
     #[test]
     fn vectors_of_known_lights() {
         let n = Vec3A::Y;
-        // A beam of 1 lux: s is its direction over 2 pi.
         let wi = Vec3A::new(0.6, 0.8, 0.0);
-        let beam = wi.to_array().map(Vec3::splat);
-        let s = settle(beam, Vec3::splat(0.8), n, Vec3::splat(0.8 / PI));
-        let want = wi / (2.0 * PI);
+        let s = settle(wi.to_array().map(Vec3::splat), Vec3::splat(0.8), n);
+        let want = wi * (0.5 / 0.8);
         for (s, w) in s.iter().zip(want.to_array()) {
             assert!((s.x - w).abs() < 1e-6, "{s} {w}");
         }
-        // Even light of 1 nit: pi up, E = pi.
-        let even = [Vec3::ZERO, Vec3::splat(PI), Vec3::ZERO];
-        let s = settle(even, Vec3::splat(PI), n, Vec3::ONE);
+        let even = [Vec3::ZERO, Vec3::splat(3.0), Vec3::ZERO];
+        let s = settle(even, Vec3::splat(3.0), n);
         assert!((s[1].x - 0.5).abs() < 1e-6 && s[0] == Vec3::ZERO, "{s:?}");
         // A beam along the plane would make some normals negative.
         let low = Vec3A::new(0.995, 0.0999, 0.0).to_array().map(Vec3::splat);
-        let s = settle(low, Vec3::splat(0.0999), n, Vec3::splat(0.0999 / PI));
+        let s = settle(low, Vec3::splat(0.0999), n);
         assert!((s[0].x - MOST * s[1].x).abs() < 1e-6, "{s:?}");
         let turned = Vec3A::new(-0.866_025_4, 0.5, 0.0);
-        let value = 0.0999 / PI + (0..3).map(|k| s[k].x * (turned - n)[k]).sum::<f32>();
+        let value = 1.0 + (0..3).map(|k| s[k].x * (turned - n)[k]).sum::<f32>();
         assert!(value.abs() < 1e-6, "{value}");
     }
 
     #[test]
     fn dark_channels_take_the_others_direction() {
         let sum = [Vec3::new(1.0, 0.0, 0.0), Vec3::new(2.0, 0.0, 0.0), Vec3::ZERO];
-        let s = settle(sum, Vec3::new(2.0, 0.0, 0.0), Vec3A::Y, Vec3::new(1.0, 0.5, 0.0));
-        assert!((s[0].y / s[0].x - 0.5).abs() < 1e-6, "{s:?}");
-        assert_eq!(s[0].z, 0.0);
-        assert_eq!(settle(sum, Vec3::ZERO, Vec3A::Y, Vec3::ONE), Direction::default());
+        let s = settle(sum, Vec3::new(2.0, 0.0, 0.0), Vec3A::Y);
+        assert!((s[0].y - s[0].x).abs() < 1e-6 && (s[0].x - 0.25).abs() < 1e-6, "{s:?}");
+        let black = settle(sum, Vec3::ZERO, Vec3A::Y);
+        assert_eq!(black, [Vec3::ZERO, Vec3::splat(0.5), Vec3::ZERO]);
+        assert_eq!(settle(sum, Vec3::splat(1e-45), Vec3A::Y)[1], Vec3::splat(0.5));
     }
 }

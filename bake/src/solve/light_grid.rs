@@ -36,6 +36,7 @@ use crate::scene::model::Rgb;
 use crate::solve::Monitor;
 use crate::transport::Kernel;
 use crate::transport::airlight::{Link, Links, in_air};
+use crate::transport::lamps::Patches;
 use crate::transport::light_grid::{COEFFICIENTS, LightGrid, Seen, dot, harmonics, scattering};
 use glam::{Quat, Vec3, Vec3A};
 use rayon::prelude::*;
@@ -171,7 +172,7 @@ pub fn all_light(kernel: &Kernel<'_>, grid: &LightGrid, seed: u64) -> Vec<Option
                 let [a, b, c, _] = sequence.next4();
                 let p = kernel.near_node(grid, node, [a, b, c], &mut 0);
                 let media = Some(grid.media());
-                kernel.straight_to(media, true, p, &mut sequence, &mut 0, |wi, illuminance| {
+                kernel.straight_to(media, Patches::All, p, &mut sequence, &mut 0, |wi, illuminance| {
                     for (sum, y) in light.iter_mut().zip(harmonics(wi)) {
                         *sum += illuminance * (y / PLACES as f32);
                     }

@@ -376,8 +376,12 @@ impl Kernel<'_> {
         rays: &mut u32,
     ) -> Rgb {
         let mut sum = leg.emitted + leg.airlight;
+        if self.bounces == Some(0) {
+            return sum;
+        }
         if let Some((next, reflectance)) = leg.next {
-            let light = match self.cached(&next, rays) {
+            let far = self.cache.is_some_and(|cache| cache.near() <= leg.travelled);
+            let light = match if far { self.cached(&next, rays) } else { None } {
                 Some(cached) => cached + self.direct(&next, Part::Small, false, None, sequence, rays).small,
                 None => {
                     let [a, b, _, _] = sequence.next4();

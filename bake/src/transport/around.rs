@@ -8,6 +8,7 @@ use crate::geom::{Hit, Ray};
 use crate::sample::Sequence;
 use crate::scene::model::Rgb;
 use crate::transport::airlight::in_air;
+use crate::transport::lamps::Patches;
 use crate::transport::path::{Kernel, Vertex};
 use glam::{Vec3, Vec3A};
 use std::f32::consts::{FRAC_1_PI, PI};
@@ -84,7 +85,8 @@ impl Kernel<'_> {
             return;
         }
         let from = in_air(p);
-        let light = match self.media.filter(|_| self.scatters) {
+        let scattering = self.media.filter(|_| self.scatters);
+        let light = match scattering {
             Some(media) => self.arrives_through_media(media, (p, wi), sequence, rays),
             None => {
                 self.lamps_around(&from, sequence, rays, visit);
@@ -95,8 +97,9 @@ impl Kernel<'_> {
         };
         visit(wi, light / pdf);
         if let Some(weight) = straight {
-            // Paths through media find emissive surfaces by chance.
-            self.straight_to(self.media, !self.scatters, p, sequence, rays, |wi, illuminance| {
+            // Paths through media find emissive surfaces by chance, and others find those that are near.
+            let patches = if scattering.is_some() { Patches::None } else { Patches::Far };
+            self.straight_to(self.media, patches, p, sequence, rays, |wi, illuminance| {
                 visit(wi, illuminance * weight);
             });
         }
@@ -122,10 +125,12 @@ impl Kernel<'_> {
         }
     }
 
-    /// The first surface that is not a hole in a direction from a place in the air.
+    /// The first surface that light does not pass in a direction from a place in the air.
     #[must_use]
     pub fn meets(&self, origin: Vec3A, direction: Vec3A) -> Option<Met> {
-        self.closest(&Ray { origin, direction, t_max: f32::INFINITY }).map(|hit: Hit| {
+        let ray = Ray { origin, direction, t_max: f32::INFINITY };
+        let opaque = |hit: &Hit| self.world.pass(self.scene, hit.triangle, hit.bary) == Vec3::ZERO;
+        self.bvh.closest(&ray, opaque).map(|hit: Hit| {
             let normal = self.world.geometric_normal(hit.triangle);
             let double_sided = self.world.material(self.scene, hit.triangle).double_sided;
             Met { distance: hit.t, normal, front: direction.dot(normal) < 0.0, double_sided }

@@ -39,6 +39,17 @@ const EAGER: f32 = 0.25;
 /// And at least so often.
 const LEAST: f32 = 1.0 / 16.0;
 
+/// Which of the small emissive surfaces are asked for their light straight away.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Patches {
+    /// None: paths find them by chance.
+    None,
+    /// All.
+    All,
+    /// Those that are far away: paths find the others.
+    Far,
+}
+
 /// A lamp, or a place on an emissive surface that stands for all of it, with its number among the lights that media see.
 enum Lamp<'a> {
     Punctual(usize, &'a Punctual),
@@ -340,12 +351,12 @@ impl Kernel<'_> {
         Some((Incident { wi, distance, illuminance }, distance - 2.0 * offset))
     }
 
-    /// Light that comes straight to a place in the air, a direction and an illuminance each, lux: of suns, of lamps and, with `surfaces`, of emissive surfaces that grids do not hold.
+    /// Light that comes straight to a place in the air, a direction and an illuminance each, lux: of suns, of lamps and, as `patches` says, of emissive surfaces that grids do not hold.
     /// Media weaken it. Lights whose direct part the game adds are left out. Of many one stands for all.
     pub(crate) fn straight_to(
         &self,
         media: Option<&Media>,
-        surfaces: bool,
+        patches: Patches,
         p: Vec3A,
         sequence: &mut Sequence,
         rays: &mut u32,
@@ -392,13 +403,14 @@ impl Kernel<'_> {
                 }
             }
         }
-        if !surfaces {
+        if patches == Patches::None {
             return;
         }
+        let counts = |g: &Group| patches == Patches::All || !g.is_near(p);
         if let Some(many) = l.many_emitters() {
             let chosen = many.one(&place, Among::EmittersInMedia, FallOff::Square, finer(d, fine[1]));
             if let Some((Chosen::Emitter(k), chance)) = chosen
-                && l.emitters.group_of(k).is_some()
+                && l.emitters.group_of(k).is_some_and(|g| counts(&l.emitters.groups()[g]))
             {
                 let [w, ..] = sequence.next4();
                 let at = l.emitters.point_on(k, 1.0, [f, w]);
@@ -409,8 +421,13 @@ impl Kernel<'_> {
             return;
         }
         let groups = l.emitters.groups();
-        let weigh = |g: &Group| g.intensity / (g.centre - p).length_squared().max(g.radius * g.radius);
-        if let Some((i, chance)) = choose(groups.len(), |i| weigh(&groups[i]), d) {
+        let weigh = |g: &Group| {
+            let far = (g.centre - p).length_squared().max(g.radius * g.radius);
+            if counts(g) { g.intensity / far } else { 0.0 }
+        };
+        if let Some((i, chance)) =
+            choose(groups.len(), |i| weigh(&groups[i]), d).filter(|c| counts(&groups[c.0]))
+        {
             let [w, ..] = sequence.next4();
             let at = l.emitters.sample_group(&groups[i], e, [f, w]);
             if let Some((light, reach)) = self.patch_at(&at, p) {

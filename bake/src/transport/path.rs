@@ -397,7 +397,7 @@ impl Kernel<'_> {
         self.follow_on::<IN_AIR>((from, wi, 1.0), None, links, sequence, rays)
     }
 
-    /// The same where the image of a sky is asked apart as well, by [`Kernel::sky_apart`]; `wi` was chosen with this density per steradian.
+    /// The same where the image of a sky is asked apart as well, and small emissive surfaces that are far away alone; `wi` was chosen with this density per steradian.
     pub(crate) fn follow_beside_sky(
         &self,
         from: &Vertex,
@@ -467,7 +467,9 @@ impl Kernel<'_> {
             travelled += hit.t;
             leg.travelled = travelled;
             let met = self.encounter(&hit, wi);
-            if met.emits && (HOW == FROM_SURFACE || !self.lights.emitters.is_grouped(hit.triangle)) {
+            let apart = HOW != FROM_SURFACE && self.lights.emitters.is_grouped(hit.triangle);
+            let near = HOW == BESIDE_SKY && self.lights.emitters.is_near(hit.triangle, from.position);
+            if met.emits && (!apart || near) {
                 let other = if HOW == FROM_SURFACE {
                     self.lights.emitter_pdf(&self.emitter_receiver(from), hit.triangle, wi, travelled)
                 } else {
@@ -562,7 +564,7 @@ pub(crate) struct Leg {
     /// How likely the place of the reflection was found.
     arrival: Arrival,
     /// Length of the way, metres.
-    travelled: f32,
+    pub(crate) travelled: f32,
 }
 
 #[cfg(test)]

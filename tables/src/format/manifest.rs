@@ -155,6 +155,13 @@ pub struct Page {
     /// What that texture holds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub texture_figures: Option<Texture>,
+    /// File name of the texture of the directions that light comes from, where they were asked for: half floats in three layers, x, y and z. A normal `m`
+    /// beside the surface's own `n` has `E(m) / pi = texture + x (m - n).x + y (m - n).y + z (m - n).z`, in the scene's axes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub directions: Option<String>,
+    /// What that texture holds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub directions_figures: Option<Texture>,
     /// Texels per row.
     pub width: u32,
     /// Rows.

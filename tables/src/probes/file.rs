@@ -17,8 +17,8 @@
 //! arrays as storage buffers (`light` an array of f32) and `L2` light:
 //!
 //! ```wgsl
-//! struct Brick { corner: vec3u, level: u32, probes: array<u32, 125>, cells: array<u32, 64> } // tightly packed words
-//! // E / pi at `p` for the normal `n`, nits. `bricks`, `occlusions`, `light`: array<u32> or array<f32>.
+//! // `origin`, `spacing`, `size`: uniforms from the header; `index`, `bricks`, `occlusions`: array<u32>, `light`: array<f32>, all in storage.
+//! // E / pi at `p` for the normal `n`, nits, not negative.
 //! fn probes(p: vec3f, n: vec3f) -> vec3f {
 //!     let from = p - origin;
 //!     let at = clamp(from / spacing, vec3f(0), vec3f(4u * size));
@@ -42,7 +42,7 @@
 //!         let own = occlusions[occlusion * 64u + 48u + region];
 //!         if own != 0xffffffffu { return irradiance(own, n); }
 //!     }
-//!     var sum = vec3f(0); var all = 0.0;
+//!     var sum = vec3f(0); var weights = 0.0;
 //!     for (var k = 0u; k < 8u; k++) {
 //!         let far = vec3u(k & 1u, (k >> 1u) & 1u, k >> 2u);
 //!         let side = select(1.0 - part, part, far == vec3u(1));
@@ -52,12 +52,12 @@
 //!             w = max(w, 1e-4) * f32((bytes >> (8u * (k % 4u))) & 255u);
 //!         }
 //!         let node = cell + far;
-//!         if 0.0 < w { sum += w * irradiance(bricks[base + 4u + (node.z * 5u + node.y) * 5u + node.x], n); all += w; }
+//!         if 0.0 < w { sum += w * irradiance(bricks[base + 4u + (node.z * 5u + node.y) * 5u + node.x], n); weights += w; }
 //!     }
-//!     return sum / max(all, 1e-6);
+//!     return sum / max(weights, 1e-6);
 //! }
 //! fn irradiance(probe: u32, n: vec3f) -> vec3f {
-//!     let y = array<f32, 9>(0.282095, 0.325735 * n.y, 0.325735 * n.z, 0.325735 * n.x, 0.273137 * n.x * n.y,
+//!     var y = array<f32, 9>(0.282095, 0.325735 * n.y, 0.325735 * n.z, 0.325735 * n.x, 0.273137 * n.x * n.y,
 //!         0.273137 * n.y * n.z, 0.078848 * (3.0 * n.z * n.z - 1.0), 0.273137 * n.x * n.z,
 //!         0.136569 * (n.x * n.x - n.y * n.y));
 //!     var sum = vec3f(0);

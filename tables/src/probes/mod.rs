@@ -2,7 +2,8 @@
 //!
 //! A [`ProbeVolume`] is a lattice in bricks of 4 x 4 x 4 cells, small bricks near geometry and large ones in free air. Where
 //! surfaces pass through a cell, up to four planes part it into regions, and for each region it is known which of the eight
-//! probes around see it, so that nothing leaks through walls of any thickness. [`Light`] is what a probe
+//! probes around see it, so that nothing leaks through walls of any thickness where four planes are enough: more of them in one cell, and curved
+//! surfaces, are told apart as far as they go. [`Light`] is what a probe
 //! holds: radiance in nits as real spherical harmonics of the basis of [`crate::harmonics`].
 
 mod file;

@@ -100,7 +100,7 @@ pub struct ProbeVolume {
     pub basis: Basis,
     /// Where the bricks are.
     pub lattice: Lattice,
-    /// Number of the brick at each of the lattice's smallest bricks, x fastest; large ones are there more than once, and [`NONE`] is where there is no air.
+    /// Number of the brick at each of the lattice's smallest bricks, x fastest; large ones are there more than once, and [`NONE`] where there is none.
     pub index: Vec<u32>,
     /// Cubes of cells.
     pub bricks: Vec<Brick>,
@@ -173,7 +173,8 @@ impl ProbeVolume {
         Some(out)
     }
 
-    /// Light at a place; `None` where no probe is.
+    /// Light at a place; `None` where no probe is. Mixtures of [`Basis::Zh3`] turn about the axis of the mixture, so that their irradiance may be a
+    /// little below 0 where that of every probe is not.
     #[must_use]
     pub fn light(&self, p: [f32; 3]) -> Option<Light> {
         let w = self.weights(p)?;

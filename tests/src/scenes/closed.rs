@@ -119,7 +119,24 @@ pub fn room(r: Room) -> Vec<u8> {
 /// `thickness` metres parts them (0: one double-sided sheet); outer walls are solid and 0.2 m thick.
 #[must_use]
 pub fn two_rooms(thickness: f32) -> Vec<u8> {
+    rooms(thickness, None)
+}
+
+/// The same beside a black speck at `speck`, which moves the middle of the scene and with it every lattice.
+#[must_use]
+pub fn rooms_beside(thickness: f32, speck: Vec3) -> Vec<u8> {
+    rooms(thickness, Some(speck))
+}
+
+fn rooms(thickness: f32, speck: Option<Vec3>) -> Vec<u8> {
     let mut glb = Glb::new();
+    if let Some(at) = speck {
+        let mut s = Shape::default();
+        s.polygon(&[Vec3::X, Vec3::Y, Vec3::Z].map(|v| 0.01 * v + at));
+        let black = glb.material(&Material::matte("speck", [0.0; 3]));
+        let mesh = glb.mesh("speck", &[(&s, black)]);
+        glb.node(Node::new("speck").mesh(mesh));
+    }
     let white = glb.material(&Material::matte("white", [0.8; 3]));
     let sheet = glb.material(&Material::matte("sheet", [0.8; 3]).double_sided());
     let lamp = glb.material(&Material::matte("lamp", [0.5; 3]).emitting([10.0; 3]));

@@ -15,7 +15,7 @@ use tables::probes::MOST_COEFFICIENTS;
 /// Blocks of samples whose spread states the error.
 const BLOCKS: u32 = 16;
 
-/// Samples, at most, that light straight from suns and lamps is part of: it has less noise than paths have.
+/// Samples, about, that light straight from suns and lamps is part of: it has less noise than paths have.
 const STRAIGHT: u32 = 64;
 
 /// Irradiance over pi to radiance, band by band; irradiance has no third band.

@@ -25,7 +25,7 @@ pub enum Where {
     },
     /// Over the whole scene, so far apart where surfaces are, metres.
     Spaced(f32),
-    /// Evenly in a box, metres in the scene's axes, so far apart.
+    /// Evenly in a box, metres in the scene's axes, so far apart, in whole bricks from its first corner on.
     Box {
         /// Corner with the smallest coordinates.
         min: Vec3,
@@ -212,13 +212,10 @@ impl Frame {
         let wide = spacing * SIDE as f32;
         let size = ((max - min) / wide + OVER).ceil().max(Vec3::ONE);
         let beyond = size * wide - (max - min);
-        let ok = size.is_finite() && size.as_dvec3().element_product() <= MOST_BRICKS && 0.0 < spacing;
-        ok.then(|| Self {
-            origin: Vec3A::from(min - beyond * Vec3::from(UNEVEN)),
-            spacing,
-            size: size.as_uvec3(),
-            levels,
-        })
+        let origin = Vec3A::from(min - beyond * Vec3::from(UNEVEN));
+        let few = size.as_dvec3().element_product() <= MOST_BRICKS;
+        let ok = size.is_finite() && few && 0.0 < spacing && origin.is_finite();
+        ok.then(|| Self { origin, spacing, size: size.as_uvec3(), levels })
     }
 
     /// Bricks of one size that fill a box from its first corner on.

@@ -78,7 +78,7 @@ pub struct Figures {
 }
 
 impl Probing {
-    /// Lays out a volume and finds what its probes see; `None` if there is no air in it. Rays are counted by `monitor`.
+    /// Lays out a volume and finds what its probes see; `None` if it would be too large. Rays are counted by `monitor`.
     ///
     /// # Errors
     ///

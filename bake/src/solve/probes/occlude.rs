@@ -277,19 +277,30 @@ impl Asked<'_> {
             }
         }
         let known = weights;
+        let known_own = own;
         // What no place answered for sees no more than the regions beside it do.
         for (region, weight) in weights.iter_mut().enumerate().take(n) {
             if weight.is_some() {
                 continue;
             }
-            let beside = (0..chosen.len()).filter_map(|k| known[region ^ 1 << k]);
-            let least = beside.reduce(|a, b| std::array::from_fn(|k| a[k].min(b[k])));
+            let beside: Vec<usize> =
+                (0..chosen.len()).map(|k| region ^ 1 << k).filter(|r| known[*r].is_some()).collect();
+            let least = beside
+                .iter()
+                .filter_map(|r| known[*r])
+                .reduce(|a, b| std::array::from_fn(|k| a[k].min(b[k])))
+                .filter(|w| *w != [0; CORNERS]);
+            if least.is_none() {
+                // They agree on nothing: planes are in the order of what they part, so the last of them matters least.
+                own[region] = beside.iter().rev().find_map(|r| known_own[*r]);
+            }
             let nearest = || {
-                let far = |r: &usize| (r ^ region).count_ones();
-                let r = (0..n).filter(|r| known[*r].is_some_and(|w| w != [0; CORNERS])).min_by_key(far)?;
+                let far = |r: &usize| ((r ^ region).count_ones(), r ^ region);
+                let seen = |r: &usize| known[*r].is_some_and(|w| w != [0; CORNERS]);
+                let r = (0..n).filter(seen).min_by_key(|r| std::cmp::Reverse(far(r).1.trailing_zeros()))?;
                 known[r]
             };
-            *weight = least.filter(|w| *w != [0; CORNERS]).or_else(nearest);
+            *weight = least.or_else(nearest);
         }
         // Nothing but walls: whatever there is.
         let valid = self.corners.map(|c| if VALID <= c.validity { 255 } else { 0 });

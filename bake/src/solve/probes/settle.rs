@@ -18,6 +18,9 @@ const CLEAR: f32 = 0.05;
 /// How far a probe may be moved, parts of a cell.
 const FAR: f32 = 1.0;
 
+/// Rays start so far behind the place, parts of a cell.
+const BACK: f32 = 1e-3;
+
 /// Ways out of a wall that are tried.
 const TRIES: usize = 6;
 
@@ -43,8 +46,11 @@ struct Around {
 fn look(kernel: &Kernel<'_>, p: Vec3A, reach: f32) -> Around {
     let mut around = Around { validity: 1.0, nearest: None, ways_out: Vec::new() };
     let mut backs = 0;
+    // From a little behind, so that a surface that the place lies on is met on both sides.
+    let back = BACK * reach;
     for d in DIRECTIONS.iter() {
-        let Some(met) = kernel.meets(p, *d) else { continue };
+        let Some(mut met) = kernel.meets(p - *d * back, *d) else { continue };
+        met.distance = (met.distance - back).max(0.0);
         if met.front || met.double_sided {
             if around.nearest.is_none_or(|(_, t)| met.distance < t) {
                 around.nearest = Some((*d, met.distance));
