@@ -14,8 +14,9 @@ use bake::sample::sequence::mix64;
 use bake::scene::config::Config;
 use bake::scene::document::Document;
 use bake::scene::gltf::{self, LightUnits, LoadOptions};
-use bake::solve::Monitor;
 use bake::solve::lightmap::{self, Effort};
+use bake::solve::probes::{Probing, Wanted, Where};
+use bake::solve::{Monitor, directional};
 use bake::transport::Kernel;
 use serde_json::{Map, Number, Value};
 use std::collections::{BTreeMap, BTreeSet};
@@ -24,6 +25,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use std::{env, fs};
 use suite::scenes::{closed, hard, open};
+use tables::probes::{Basis, ProbeVolume};
 
 /// Cases that found a fault, which was mended.
 const KEPT: &[u64] = &[1_009_087, 1_049_345];
@@ -324,6 +326,8 @@ fn attempt(name: &str, bytes: &[u8], folder: Option<&Path>, config: Option<&str>
         seed: 1,
         irradiance_cache: false,
         split_direct: false,
+        directional: Some(2),
+        probes: None,
         texture: None,
         denoise: Denoise::Off,
         seams: true,
@@ -342,7 +346,21 @@ fn bake_a_little(plan: &Plan, document: &Document) {
     let monitor = Monitor::default();
     let solution = lightmap::bake_page(&kernel, plan.atlas(), &map, 0, effort, &BTreeSet::new(), &monitor)
         .expect("nobody stops it");
-    let (page, ..) = assemble::page(plan, map, solution);
+    let mut solution = solution;
+    let directions =
+        directional::gather(&kernel, &map, 0, (2, 1), &mut solution, &monitor).expect("nobody stops it");
+    let (page, ..) = assemble::page(plan, map, solution, None, Some(directions));
+    let bad = page.sh1.iter().flatten().flatten().flatten().find(|v| !v.is_finite());
+    assert_eq!(bad, None, "a direction that is none");
+    let place = Where::Scene { about: 130 };
+    let wanted = Wanted { place, basis: Basis::L2, samples: 16, seed: 1, number: 0 };
+    if let Some(probing) = Probing::new(&kernel, wanted, &monitor).expect("nobody stops it") {
+        let (volume, _) = probing.finish(&kernel, &monitor).expect("nobody stops it");
+        assert!(
+            ProbeVolume::from_bytes(&volume.to_bytes()).as_ref() == Ok(&volume),
+            "probes that cannot be read"
+        );
+    }
     let wrong = page.radiance.iter().flatten().find(|v| !(v.is_finite() && 0.0 <= **v));
     assert_eq!(wrong, None, "a texel that is no light");
     let folder = tempfile::tempdir().expect("a folder");
