@@ -14,6 +14,7 @@ use suite::{
     shape::Shape,
     tool,
 };
+use tables::probes::ProbeVolume;
 
 const WIDTH: u32 = 640;
 const HEIGHT: u32 = 360;
@@ -334,11 +335,11 @@ fn packages(test: &str, names: &[&str]) -> Option<tempfile::TempDir> {
     Some(dir)
 }
 
-/// The first script of the page for users of three.js.
-fn documented() -> String {
+/// The script of the page for users of three.js that exports a name.
+fn documented(name: &str) -> String {
     let text = fs::read_to_string(suite::root().join("bake/engines/three.md")).unwrap();
-    let (_, after) = text.split_once("```js\n").unwrap();
-    after.split_once("```").unwrap().0.to_owned()
+    let mut scripts = text.split("```js\n").skip(1).map(|s| s.split_once("```").unwrap().0);
+    scripts.find(|s| s.contains(&format!("export async function {name}"))).unwrap().to_owned()
 }
 
 /// Draws a bake as the page for users of three.js says; `keep` leaves standard materials.
@@ -376,14 +377,84 @@ try {
 </script>
 "#;
 
+/// Draws white balls that probes light, seen from above, with nothing else.
+const BALL: &str = r#"<!doctype html>
+<style>body { margin: 0 } canvas { display: block }</style>
+<script type="importmap">
+{ "imports": { "three": "/node_modules/three/build/three.module.js", "three/addons/": "/node_modules/three/examples/jsm/" } }
+</script>
+<script type="module">
+import * as THREE from 'three';
+import { loadProbes } from './probes.js';
+try {
+  const manifest = await (await fetch('/out/manifest.json')).json();
+  const renderer = new THREE.WebGLRenderer();
+  renderer.setSize(innerWidth, innerHeight);
+  renderer.toneMapping = THREE.ReinhardToneMapping;
+  renderer.toneMappingExposure = manifest.exposure;
+  document.body.append(renderer.domElement);
+  const scene = new THREE.Scene();
+  scene.add(await loadProbes('/out', manifest, renderer));
+  const place = new URLSearchParams(location.search).get('at').split(',').map(Number);
+  const ball = new THREE.Mesh(new THREE.SphereGeometry(0.2, 64, 32), new THREE.MeshLambertMaterial({ color: 'white' }));
+  ball.position.fromArray(place);
+  scene.add(ball);
+  const camera = new THREE.OrthographicCamera(-0.4, 0.4, 0.225, -0.225, 0.1, 10);
+  camera.position.set(place[0], place[1] + 2, place[2]);
+  camera.up.set(0, 0, -1);
+  camera.lookAt(ball.position);
+  renderer.render(scene, camera);
+  document.documentElement.dataset.ready = 'true';
+} catch (e) {
+  document.body.textContent = e.stack;
+  document.documentElement.dataset.failed = 'true';
+}
+</script>
+"#;
+
+/// Balls between the lamps of the room are lit on their sides as our own look-up says, as far as an even grid goes.
+fn lit_by_probes(page: &mut Page, address: &str, site: &Path) {
+    let scene = room();
+    copy(&scene.dir.path().join("out"), &site.join("out"));
+    let m = &scene.baked.manifest;
+    let volume = ProbeVolume::from_bytes(&scene.baked.files[&m.probes[0].file]).unwrap();
+    let voxel = m.probes[0].grid.extent[0] / m.probes[0].grid.size[0] as f32;
+    let mut off: Vec<i32> = Vec::new();
+    for place in [[0.2f32, 0.7, 0.3], [0.9, 0.8, -0.6], [-0.4, 0.6, 1.0]] {
+        let [x, y, z] = place;
+        page.visit(&format!("{address}/ball.html?at={x},{y},{z}"));
+        let picture = page.picture();
+        for (dx, dz) in [(0.0f32, 0.0f32), (0.6, 0.0), (-0.6, 0.0), (0.0, 0.6), (0.0, -0.6), (0.4, 0.4)] {
+            let n = Vec3::new(dx, (1.0 - dx * dx - dz * dz).sqrt(), dz);
+            let p = Vec3::from(place) + n * (0.2 + 0.5 * voxel);
+            let light = volume.light(p.to_array()).unwrap().irradiance(n.to_array());
+            let want = light.map(|e| byte(reinhard(e.max(0.0), m.exposure.unwrap())));
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the picture")]
+            let pixel = |at: f32, of: u32| (0.5 * of as f32 + 0.25 * at * WIDTH as f32) as u32;
+            let got = picture.get_pixel(pixel(dx, WIDTH), pixel(dz, HEIGHT)).0;
+            off.extend(got.iter().zip(want).map(|(g, w)| i32::from(*g) - i32::from(w)));
+        }
+    }
+    let mean = off.iter().map(|d| f64::from(d.abs())).sum::<f64>() / off.len() as f64;
+    let worst = off.iter().map(|d| d.abs()).max().unwrap();
+    println!(
+        "balls by probes: {} values, off by {mean:.1} on average, at worst by {worst} of 255",
+        off.len()
+    );
+    assert!(mean < 6.0 && worst < 30, "{off:?}");
+}
+
 #[test]
 fn three_js_shows_albedo_times_lightmap() {
     let test = "three_js_shows_albedo_times_lightmap";
     let Some(mut page) = Page::open(test, WIDTH, HEIGHT) else { return };
     let Some(site) = packages(test, &["three@0.187.0"]) else { return };
-    fs::write(site.path().join("bake.js"), documented()).unwrap();
+    fs::write(site.path().join("bake.js"), documented("loadBake")).unwrap();
+    fs::write(site.path().join("probes.js"), documented("loadProbes")).unwrap();
     fs::write(site.path().join("index.html"), THREE).unwrap();
+    fs::write(site.path().join("ball.html"), BALL).unwrap();
     let address = browser::serve(site.path());
+    lit_by_probes(&mut page, &address, site.path());
     for scene in [floor(), room()] {
         copy(&scene.dir.path().join("out"), &site.path().join("out"));
         page.visit(&format!("{address}/index.html"));

@@ -203,9 +203,7 @@ impl Memory {
             let blocks = (rayon::current_num_threads() as u64 + 2) * 3 * EXR_ROWS * load.width * per_texel;
             let images = PER_TEXEL_IMAGE * load.texels + PER_COVERED_IMAGE * load.covered;
             let texture = (per_packed * load.texels).min(TEXTURE) + per_packed * TEXTURE_ROWS * load.width;
-            // A debug build holds the file that it reads back beside the page.
-            let read_back = if cfg!(debug_assertions) { per_texel * load.texels } else { 0 };
-            let writing = images.max(blocks + read_back).max(texture);
+            let writing = images.max(blocks).max(texture);
             let written = per_texel * load.texels + writing;
             gather = gather.max(kept + solved);
             write = write.max(kept + assembled.max(dilated).max(written));
