@@ -774,6 +774,8 @@ mod tests {
             file: "lightmap-0.exr".into(),
             preview: Some("lightmap-0.png".into()),
             texture: Some("lightmap-0.ktx2".into()),
+            directions: Some("lightmap-0.sh1.ktx2".into()),
+            directions_figures: None,
             texture_figures: Some(Texture {
                 format: "bc6h_ufloat".into(),
                 bytes: 9,
