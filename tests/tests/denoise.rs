@@ -12,8 +12,9 @@ use suite::{
 
 const MODES: [&str; 2] = ["draft", "final"];
 
+/// Without seams stitched, which comes after denoising and would be in all that is compared.
 fn bake(scene: &[u8], denoise: &str, args: &[&str]) -> Baked {
-    tool::baked(scene, &[args, &["--denoise", denoise]].concat())
+    tool::baked(scene, &[args, &["--denoise", denoise, "--seams", "off", "--probes", "off"]].concat())
 }
 
 /// Luminance of layer `prefix` in every covered texel.
@@ -66,7 +67,12 @@ fn better(scene: &[u8], density: &str, samples: &str, most: [f64; 2], most_chang
         assert_eq!(clean.manifest.error, off.manifest.error);
         assert_eq!(clean.manifest.samples, off.manifest.samples);
         for c in ["R", "G", "B"] {
-            let channel = |b: &Baked, name: String| b.pages[0].channels[&name].clone();
+            // Gutters go on with the slope of the light, which is known for what is shown alone.
+            let channel = |b: &Baked, name: String| -> Vec<f32> {
+                let page = &b.pages[0].channels;
+                let covered = page[&name].iter().zip(&page["A"]).filter(|(_, a)| 0.0 < **a);
+                covered.map(|(v, _)| *v).collect()
+            };
             assert!(channel(&clean, format!("noisy.{c}")) == channel(&off, c.to_owned()), "{mode} {c}");
             let name = format!("stderr.{c}");
             assert!(channel(&clean, name.clone()) == channel(&off, name), "{mode} {c}");

@@ -361,17 +361,17 @@ fn engines_find_what_the_bricks_hold() {
                 seen += 1;
                 let scale = light.coefficients()[0][0].abs();
                 for axis in 0..3 {
-                    for (negative, sign) in [1.0, -1.0].into_iter().enumerate() {
+                    for (negative, sign) in [(0, 1.0), (1, -1.0)] {
                         let mut n = [0.0; 3];
                         n[axis as usize] = sign;
                         let want = light.irradiance(n)[0].max(0.0);
-                        let texel = cubes([x, y + negative as u32 * ny, z + axis * nz])[0];
+                        let texel = cubes([x, y + negative * ny, z + axis * nz])[0];
                         assert!((texel - want).abs() <= 1e-3 * scale, "{x} {y} {z}, {n:?}: {texel} {want}");
                     }
                 }
                 let full = light.expand();
-                for (k, want) in full[..9].as_flattened().iter().enumerate() {
-                    let texel = atlas([x, y, (k as u32 / 4) * (nz + 2) + z + 1])[k % 4];
+                for (k, want) in (0u32..).zip(full[..9].as_flattened()) {
+                    let texel = atlas([x, y, (k / 4) * (nz + 2) + z + 1])[(k % 4) as usize];
                     assert!((texel - want).abs() <= 1e-3 * scale, "{x} {y} {z}, value {k}: {texel} {want}");
                 }
             }

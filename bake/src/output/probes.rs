@@ -29,7 +29,7 @@ const MOST_TEXELS: u32 = 2048;
 const COEFFICIENTS: usize = 9;
 
 /// Blocks of slices that they take.
-const BLOCKS: usize = 7;
+const BLOCKS: u32 = 7;
 
 /// Writes the files of volume `number` and says what the manifest says of it.
 ///
@@ -85,7 +85,7 @@ fn grid(staging: &Staging, stem: &str, volume: &ProbeVolume) -> Result<manifest:
     let irradiance_volume = format!("{stem}.vxgi.ktx2");
     put(&irradiance_volume, [size.x, 2 * size.y, 3 * size.z], &voxels.ambient_cubes(&mut half))?;
     let harmonics = format!("{stem}.three.ktx2");
-    let depth = (size.z + 2) * BLOCKS as u32;
+    let depth = (size.z + 2) * BLOCKS;
     put(&harmonics, [size.x, size.y, depth], &voxels.atlas(&mut half))?;
     Ok(manifest::ProbeGrid {
         irradiance_volume,
@@ -116,7 +116,7 @@ impl Voxels {
         let mut step = 1;
         let along = |step: u32| cells.map(|n| n.div_ceil(step));
         let too_many = |n: UVec3| {
-            let textures = [n.x, 2 * n.y, 3 * n.z, (n.z + 2) * BLOCKS as u32];
+            let textures = [n.x, 2 * n.y, 3 * n.z, (n.z + 2) * BLOCKS];
             MOST_VOXELS < n.as_u64vec3().element_product() || textures.iter().any(|n| MOST_TEXELS < *n)
         };
         while too_many(along(step)) {
@@ -171,7 +171,7 @@ impl Voxels {
     fn atlas(&self, half: &mut Half) -> Vec<[f16; 4]> {
         let s = self.size;
         let mut out = Vec::new();
-        for block in 0..BLOCKS {
+        for block in 0..BLOCKS as usize {
             for slice in 0..s.z + 2 {
                 let z = slice.saturating_sub(1).min(s.z - 1);
                 for y in 0..s.y {
@@ -248,7 +248,7 @@ mod tests {
         let v = voxels();
         let texels = v.atlas(&mut Half::default());
         let [nx, ny, nz] = v.size.to_array();
-        assert_eq!(texels.len() as u32, nx * ny * 7 * (nz + 2));
+        assert_eq!(texels.len() as u64, u64::from(nx * ny * 7 * (nz + 2)));
         let padded = nz + 2;
         let sampled = |block: u32, x: u32, y: u32, z: u32| {
             let slice = z + 1 + block * padded;

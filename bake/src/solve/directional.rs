@@ -98,7 +98,7 @@ fn of_texel(
         // The last stands for as many as are left.
         let straight = (i % step == 0).then(|| step.min(samples - i) as f32);
         let before = Some(vertex.geometric_normal);
-        kernel.sample_around(p, before, [c, d], straight, &mut sequence, rays, &mut |wi, light| {
+        kernel.sample_around((p, before), [c, d], straight, &mut sequence, rays, &mut |wi, light| {
             let light = gate.admit(light, Rejected { sample: i, ..at });
             let cos = wi.dot(n);
             if 0.0 < cos {

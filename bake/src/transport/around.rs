@@ -48,8 +48,7 @@ impl Kernel<'_> {
     /// With `before`, a unit normal, only what comes from that side is asked for.
     pub fn sample_around(
         &self,
-        p: Vec3A,
-        before: Option<Vec3A>,
+        (p, before): (Vec3A, Option<Vec3A>),
         u: [f32; 2],
         straight: Option<f32>,
         sequence: &mut Sequence,

@@ -37,7 +37,8 @@ pub(super) fn gather(kernel: &Kernel<'_>, p: Vec3A, samples: u32, key: u64, moni
     let per_block = samples.div_ceil(BLOCKS).max(1);
     let n = per_block * BLOCKS;
     // Every so many samples, as many in each block.
-    let step = (1..=per_block).rev().find(|s| per_block % s == 0 && n / s >= STRAIGHT.min(n)).unwrap_or(1);
+    let step =
+        (1..=per_block).rev().find(|s| per_block.is_multiple_of(*s) && n / s >= STRAIGHT.min(n)).unwrap_or(1);
     let bands = match kernel.finds_around() {
         Finds::Radiance => [1.0; 4],
         Finds::Irradiance => FROM_IRRADIANCE,
@@ -54,8 +55,7 @@ pub(super) fn gather(kernel: &Kernel<'_>, p: Vec3A, samples: u32, key: u64, moni
             let straight = (i % step == 0).then_some(step as f32);
             let at = Rejected { page: 0, texel: 0, sample: i };
             kernel.sample_around(
-                p,
-                None,
+                (p, None),
                 [a, b],
                 straight,
                 &mut sequence,

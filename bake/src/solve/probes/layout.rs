@@ -7,12 +7,13 @@ use crate::plan::memory::MOST_PROBES;
 use crate::solve::light_grid::around;
 use glam::{UVec3, Vec3, Vec3A};
 use std::collections::HashMap;
-use tables::probes::{Brick, CELLS, NODES, NONE};
+use tables::probes::{Brick, CELLS, NONE};
 
 /// Sizes of bricks where places are found by themselves: the largest cells are four times as wide as the smallest.
 const LEVELS: u32 = 3;
 
 /// Cells of a brick.
+#[expect(clippy::cast_possible_truncation, reason = "four")]
 const SIDE: u32 = CELLS as u32;
 
 /// Where probes are.
@@ -179,7 +180,7 @@ impl Layout {
         }
         let corner = first * SIDE;
         let reach = self.spacing * wide as f32;
-        let n = NODES as u32;
+        let n = SIDE + 1;
         let probes = std::array::from_fn(|i| {
             let i = number(i);
             let at = corner + UVec3::new(i % n, i / n % n, i / (n * n)) * wide;
