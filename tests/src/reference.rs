@@ -291,9 +291,8 @@ pub fn least_squares<const N: usize>(rows: &[([f64; N], f64)]) -> ([f64; N], f64
     for i in 0..N {
         for k in i + 1..N {
             let f = m[k][i] / m[i][i];
-            for j in i..N {
-                m[k][j] -= f * m[i][j];
-            }
+            let pivot = m[i];
+            m[k].iter_mut().zip(pivot).skip(i).for_each(|(m, p)| *m -= f * p);
             y[k] -= f * y[i];
         }
     }
