@@ -24,6 +24,9 @@ const BACK: f32 = 1e-3;
 /// Ways out of a wall that are tried.
 const TRIES: usize = 6;
 
+/// Walls that a probe is moved out of one after the other: those of a corner.
+const WALLS: u32 = 3;
+
 /// Where a probe came to lie.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Settled {
@@ -84,13 +87,28 @@ pub(super) fn settle(kernel: &Kernel<'_>, p: Vec3A, reach: f32, monitor: &Monito
             }
         }
     } else {
-        for (_, out) in here.ways_out.iter().take(TRIES) {
-            looks += 1;
-            let there = look(kernel, *out, reach);
+        // Out of an edge the way leads through one wall after the other.
+        let mut from = here;
+        for _ in 0..WALLS {
+            let mut best: Option<(Vec3A, Around)> = None;
+            for (_, out) in from.ways_out.iter().take(TRIES) {
+                looks += 1;
+                let there = look(kernel, *out, reach);
+                if best.as_ref().is_none_or(|(_, b)| b.validity < there.validity) {
+                    best = Some((*out, there));
+                }
+                if best.as_ref().is_some_and(|(_, b)| VALID <= b.validity) {
+                    break;
+                }
+            }
+            let Some((out, there)) = best.filter(|(out, _)| (*out - p).length() <= FAR * reach) else {
+                break;
+            };
             if VALID <= there.validity {
-                settled = Settled { place: *out, validity: there.validity, moved: true };
+                settled = Settled { place: out, validity: there.validity, moved: true };
                 break;
             }
+            from = there;
         }
     }
     monitor.add(0, u64::from(looks * LOOKS));
