@@ -11,7 +11,7 @@ use suite::scenes::open;
 use suite::tool;
 
 /// Some seconds for a room of several charts.
-const COARSE: [&str; 4] = ["--samples", "8", "--texels-per-metre", "6"];
+const COARSE: [&str; 6] = ["--samples", "8", "--texels-per-metre", "6", "--probes", "off"];
 
 /// Rows of red, green, blue and alpha from the file of a page; reader and decoders are none of the tool's encoders.
 fn decoded(baked: &Baked, page: usize) -> Vec<[f32; 4]> {
@@ -157,7 +157,8 @@ fn bytes_do_not_depend_on_threads_and_none_means_none() {
     };
     let bake = |threads: &str, more: &[&str]| {
         let first = ["run", "scene.glb", "-o", "out", "--progress", "none", "--threads", threads];
-        let second = ["--samples", "2", "--texels-per-metre", "8", "--config", "bake.toml"];
+        let second =
+            ["--samples", "2", "--texels-per-metre", "8", "--config", "bake.toml", "--probes", "off"];
         let done = tool::bake(&[&first[..], &second, more].concat(), dir.path()).expect(0);
         Baked::read(&dir.path().join("out")).unwrap_or_else(|e| panic!("{e}\n{done}"))
     };

@@ -91,8 +91,13 @@ pub(super) fn textures(
 
 /// Gives a material the lightmap of a texture, unless it takes no light.
 pub(super) fn give(material: &mut Value, texture: usize) {
-    if material["extensions"].get("KHR_materials_unlit").is_none() {
-        material["extensions"][EXTENSION] = json!({ "index": texture, "texCoord": 1, "intensity": 1 });
+    let Some(material) = material.as_object_mut() else { return };
+    // Extensions that are no object are an error of the file that nothing here depends on.
+    let extensions = material.entry("extensions").or_insert_with(|| json!({}));
+    let Some(extensions) = extensions.as_object_mut() else { return };
+    if !extensions.contains_key("KHR_materials_unlit") {
+        let lightmap = json!({ "index": texture, "texCoord": 1, "intensity": 1 });
+        extensions.insert(EXTENSION.to_owned(), lightmap);
     }
 }
 

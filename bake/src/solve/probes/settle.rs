@@ -24,8 +24,8 @@ const BACK: f32 = 1e-3;
 /// Ways out of a wall that are tried.
 const TRIES: usize = 6;
 
-/// Walls that a probe is moved out of one after the other: those of a corner.
-const WALLS: u32 = 3;
+/// Walls that a probe is moved out of one after the other: those of a corner, and one more for ways that lead nowhere.
+const WALLS: u32 = 4;
 
 /// Where a probe came to lie.
 #[derive(Clone, Copy, Debug)]
