@@ -84,7 +84,7 @@ pub fn fill_invalid(page: &mut Page, charts: &[u32], valid: &[bool]) -> Filled {
 ///
 /// A gutter texel belongs to the chart whose covered texel is nearest (the first in row order
 /// among equals). It is the mean of its filled neighbours (of eight) that belong to that chart, and goes on
-/// with the slope of the light there: a plane through the chart's texels within [`REACH`], as far as the slope
+/// with the slope of the light there: a plane through the chart's texels within `REACH`, as far as the slope
 /// exceeds its own noise. Its coverage and standard error are 0.
 ///
 /// A filter at the chart's border reads half a texel beyond it. Where light rises by `g` a texel, a gutter without

@@ -44,7 +44,7 @@ pub fn mean_and_error(samples: impl ExactSizeIterator<Item = Rgb> + Clone) -> (R
 /// mean of all.
 ///
 /// Each half of a scrambled Sobol sequence is as well stratified as the whole, so over many texels this is much nearer to
-/// the true variance than the spread of [`BLOCKS`] short runs is: where the error falls like the power -3/4 of the number, as at
+/// the true variance than the spread of `BLOCKS` short runs is: where the error falls like the power -3/4 of the number, as at
 /// an edge, it overstates the standard error by a fifth where the runs double it. Of one texel it says nothing: it has one degree of freedom.
 #[must_use]
 pub fn halves(samples: impl ExactSizeIterator<Item = f32> + Clone) -> f32 {

@@ -5,11 +5,11 @@
 //! charts or primitives of a mesh, or two objects that touch. Edges may overlap in part, as a long edge does with the
 //! two short ones that end in its middle.
 //!
-//! Two edges lie on one another where they are closer than [`GAP`] of a texel and [`PART`] of the shorter edge, or
+//! Two edges lie on one another where they are closer than `GAP` of a texel and `PART` of the shorter edge, or
 //! than positions are exact; they continue each other where the triangles lie on opposite sides of the edge and the
-//! shading normals there differ by at most [`MOST_TURN`] degrees. A corner that is meant as one is no seam.
+//! shading normals there differ by at most `MOST_TURN` degrees. A corner that is meant as one is no seam.
 //!
-//! Edges are cut into pieces of [`PIECE`] texels, so that their boxes are small, and a tree over those finds the
+//! Edges are cut into pieces of `PIECE` texels, so that their boxes are small, and a tree over those finds the
 //! pairs: about `n log n` for `n` edges. For Sponza (262,087 triangles, 13,605 seams) that is less than unwrapping varies
 //! by from run to run, a tenth of a second. No length is absolute.
 
@@ -169,7 +169,7 @@ impl Seam {
         })
     }
 
-    /// At how many places, evenly spread, both sides are compared: [`PLACES`] a texel.
+    /// At how many places, evenly spread, both sides are compared: `PLACES` a texel.
     #[must_use]
     pub fn n_places(&self, world: &World, atlas: &Atlas) -> u16 {
         let [a, b] = self.texels(world, atlas);

@@ -5,12 +5,12 @@
 //! rendering with non-local means filtering", 2012, weigh differences by variances in this way). What comes straight from
 //! suns and lamps and what paths bring are filtered apart: the first has edges and little noise, the second the reverse.
 //!
-//! 1. The variances of texels are brought to what halves of their samples tell over a neighbourhood, [`part`].
+//! 1. The variances of texels are brought to what halves of their samples tell over a neighbourhood, `part`.
 //! 2. `final` filters a small neighbourhood first, and compares texels by the result: noise that decides what it is
 //!    averaged with does not go away.
 //! 3. For each texel the error that each radius would leave is estimated; where none is clearly better than no filter,
 //!    the texel stays as it is.
-//! 4. Weights are the same both ways, [`filter`], so that the sum over all texels stays as it was.
+//! 4. Weights are the same both ways, `filter`, so that the sum over all texels stays as it was.
 //!
 //! All is relative: to the texels' size, and to their own variances. No sum depends on the number of threads.
 

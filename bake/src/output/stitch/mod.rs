@@ -11,8 +11,8 @@
 //!   them. Bright texels have more variance, so that their own would let the bright side of a step always come to the
 //!   dark one, and light would be lost: variance is taken for the same brightness on both sides. One part in a
 //!   hundred of the local light counts as uncertain too: a seam between texels of different places is not exact to
-//!   the last bit even without noise. A gutter texel is [`GUTTER`] times as free as the chart beside it.
-//! - The weight of a step is one over [`TIGHT`] squared of the same variance: where texels cannot follow light that
+//!   the last bit even without noise. A gutter texel is `GUTTER` times as free as the chart beside it.
+//! - The weight of a step is one over `TIGHT` squared of the same variance: where texels cannot follow light that
 //!   changes sharply along a seam, a small step is better than light smeared along the whole of it.
 //! - Seams count only where somebody sees them: not where something stands on them ([`Seam::is_open`]), and not where
 //!   the texels lie inside of other geometry.

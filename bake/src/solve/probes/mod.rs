@@ -1,7 +1,7 @@
 //! Light probes: where they are, which places see them, and what they hold.
 //!
-//! In this order: [`layout`] lays bricks of cells over the scene, small ones near surfaces; [`settle`] moves probes out of walls;
-//! [`occlude`] finds which probes see which part of the cells that surfaces pass through; [`gather`] follows the paths; [`Probing::finish`]
+//! In this order: `layout` lays bricks of cells over the scene, small ones near surfaces; `settle` moves probes out of walls;
+//! `occlude` finds which probes see which part of the cells that surfaces pass through; `gather` follows the paths; [`Probing::finish`]
 //! gives probes in walls the light of their neighbours and takes ringing away.
 
 mod dilate;
