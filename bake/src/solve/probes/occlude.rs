@@ -243,7 +243,9 @@ impl Asked<'_> {
         if 1.0 - backs as f32 / (LOOKS as f32) < VALID {
             return None;
         }
-        let sees = |c: &Settled| VALID <= c.validity && self.kernel.sees(place, c.place);
+        // A little beyond, so that a probe on a surface is seen from neither side.
+        let beyond = |to: Vec3A| to + (to - place).normalize_or_zero() * (NEAR * self.side);
+        let sees = |c: &Settled| VALID <= c.validity && self.kernel.sees(place, beyond(c.place));
         Some(Answer { place, sees: self.corners.each_ref().map(sees), clear })
     }
 
