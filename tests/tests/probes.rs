@@ -170,19 +170,25 @@ fn bases_hold_the_same_light() {
     }
 }
 
+/// A grey plane of 8 m and a lamp of 100 cd 3 m above its middle.
+fn lamp_over_plane(mode: &str) -> Glb {
+    let mut glb = Glb::new();
+    let mut s = Shape::default();
+    s.grid(Vec3::new(-4.0, 0.0, 4.0), Vec3::X * 8.0, Vec3::NEG_Z * 8.0, 1, 1);
+    let grey = glb.material(&Material::matte("grey", [0.5; 3]));
+    let mesh = glb.mesh("plane", &[(&s, grey)]);
+    glb.node(Node::new("plane").mesh(mesh));
+    let light = glb.light("lamp", Kind::Point, [1.0; 3], 100.0);
+    let lamp = Node::new("lamp").at([0.0, 3.0, 0.0]).extras(json!({ "mode": mode }));
+    glb.node(Node { light: Some(light), ..lamp });
+    glb
+}
+
 /// Without reflections a probe has the light of lamps alone; of lamps whose direct light the game adds it has what is left, which is nothing then.
 #[test]
 fn only_what_is_wanted_is_gathered() {
     let with = |mode: &str, args: &[&str]| {
-        let mut glb = Glb::new();
-        let mut s = Shape::default();
-        s.grid(Vec3::new(-4.0, 0.0, 4.0), Vec3::X * 8.0, Vec3::NEG_Z * 8.0, 1, 1);
-        let grey = glb.material(&Material::matte("grey", [0.5; 3]));
-        let mesh = glb.mesh("plane", &[(&s, grey)]);
-        glb.node(Node::new("plane").mesh(mesh));
-        let light = glb.light("lamp", Kind::Point, [1.0; 3], 100.0);
-        let lamp = Node::new("lamp").at([0.0, 3.0, 0.0]).extras(json!({ "mode": mode }));
-        glb.node(Node { light: Some(light), ..lamp });
+        let mut glb = lamp_over_plane(mode);
         let corner = json!({"min": [0.5, 0.5, 0.5], "max": [1.5, 1.5, 1.5]});
         glb.scene_extra("probes", json!([{"box": corner, "spacing": 0.25}]));
         let all = [&["--probe-samples", "512", "--samples", "16"][..], args].concat();
@@ -385,14 +391,7 @@ fn engines_find_what_the_bricks_hold() {
 #[test]
 fn probes_are_asked_for() {
     let scene = |probes| {
-        let mut glb = Glb::new();
-        let mut s = Shape::default();
-        s.grid(Vec3::new(-1.0, 0.0, 1.0), Vec3::X * 2.0, Vec3::NEG_Z * 2.0, 1, 1);
-        let grey = glb.material(&Material::matte("grey", [0.5; 3]));
-        let mesh = glb.mesh("plane", &[(&s, grey)]);
-        glb.node(Node::new("plane").mesh(mesh));
-        let light = glb.light("lamp", Kind::Point, [1.0; 3], 10.0);
-        glb.node(Node { light: Some(light), ..Node::new("lamp").at([0.0, 1.0, 0.0]) });
+        let mut glb = lamp_over_plane("baked");
         glb.scene_extra("probes", probes);
         glb.finish()
     };

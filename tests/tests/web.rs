@@ -342,13 +342,16 @@ fn documented(name: &str) -> String {
     scripts.find(|s| s.contains(&format!("export async function {name}"))).unwrap().to_owned()
 }
 
-/// Draws a bake as the page for users of three.js says; `keep` leaves standard materials.
-const THREE: &str = r#"<!doctype html>
+/// How a page of a test finds three.js.
+const HEAD: &str = r#"<!doctype html>
 <style>body { margin: 0 } canvas { display: block }</style>
 <script type="importmap">
 { "imports": { "three": "/node_modules/three/build/three.module.js", "three/addons/": "/node_modules/three/examples/jsm/" } }
 </script>
-<script type="module">
+"#;
+
+/// Draws a bake as the page for users of three.js says; `keep` leaves standard materials.
+const THREE: &str = r#"<script type="module">
 import * as THREE from 'three';
 import { loadBake } from './bake.js';
 try {
@@ -378,12 +381,7 @@ try {
 "#;
 
 /// Draws white balls that probes light, seen from above, with nothing else.
-const BALL: &str = r#"<!doctype html>
-<style>body { margin: 0 } canvas { display: block }</style>
-<script type="importmap">
-{ "imports": { "three": "/node_modules/three/build/three.module.js", "three/addons/": "/node_modules/three/examples/jsm/" } }
-</script>
-<script type="module">
+const BALL: &str = r#"<script type="module">
 import * as THREE from 'three';
 import { loadProbes } from './probes.js';
 try {
@@ -451,8 +449,8 @@ fn three_js_shows_albedo_times_lightmap() {
     let Some(site) = packages(test, &["three@0.187.0"]) else { return };
     fs::write(site.path().join("bake.js"), documented("loadBake")).unwrap();
     fs::write(site.path().join("probes.js"), documented("loadProbes")).unwrap();
-    fs::write(site.path().join("index.html"), THREE).unwrap();
-    fs::write(site.path().join("ball.html"), BALL).unwrap();
+    fs::write(site.path().join("index.html"), [HEAD, THREE].concat()).unwrap();
+    fs::write(site.path().join("ball.html"), [HEAD, BALL].concat()).unwrap();
     let address = browser::serve(site.path());
     lit_by_probes(&mut page, &address, site.path());
     for scene in [floor(), room()] {

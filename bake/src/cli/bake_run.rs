@@ -391,7 +391,7 @@ impl Job<'_> {
                 // Boxes were judged when they were read.
                 let Where::Spaced(spacing) = wanted.place else { continue };
                 return Err(Error::Usage(format!(
-                    "--probe-spacing {spacing}: the scene is too large for that; write a greater distance, or --probe-count"
+                    "--probe-spacing {spacing}: no lattice of up to 4194304 probes fits the scene with it; write a distance that suits the scene's size, or --probe-count"
                 )));
             };
             let paths = probing.paths();

@@ -104,11 +104,16 @@ impl Probing {
             for (slot, cell) in cells.list {
                 brick.cells[slot] = number(occlusions.len());
                 let mut occlusion = cell.occlusion;
-                for (own, place) in occlusion.own.iter_mut().zip(cell.own) {
-                    if let Some(place) = place {
-                        *own = number(places.len());
-                        places.push((place, 1.0));
-                    }
+                for (k, place) in cell.own.iter().enumerate() {
+                    let Some(place) = place else { continue };
+                    // Regions beside one another may share a probe.
+                    occlusion.own[k] = match cell.own[..k].iter().position(|p| p.as_ref() == Some(place)) {
+                        Some(same) => occlusion.own[same],
+                        None => {
+                            places.push((*place, 1.0));
+                            number(places.len() - 1)
+                        }
+                    };
                 }
                 occlusions.push(occlusion);
             }

@@ -296,10 +296,10 @@ impl Asked<'_> {
                 // They agree on nothing: planes are in the order of what they part, so the last of them matters least.
                 own[region] = beside.iter().rev().find_map(|r| known_own[*r]);
             }
+            // The region that is on the same side of as many of the first planes as any.
             let nearest = || {
-                let far = |r: &usize| ((r ^ region).count_ones(), r ^ region);
                 let seen = |r: &usize| known[*r].is_some_and(|w| w != [0; CORNERS]);
-                let r = (0..n).filter(seen).min_by_key(|r| std::cmp::Reverse(far(r).1.trailing_zeros()))?;
+                let r = (0..n).filter(seen).max_by_key(|r| (r ^ region).trailing_zeros())?;
                 known[r]
             };
             *weight = least.or_else(nearest);
