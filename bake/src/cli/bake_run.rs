@@ -21,7 +21,7 @@ use crate::solve::directional::{self, Direction};
 use crate::solve::light_grid::{Gathering, all_light};
 use crate::solve::lightmap::Solution;
 use crate::solve::pilot::{self, Learnt};
-use crate::solve::probes::{Probing, Wanted, Where};
+use crate::solve::probes::{Layout, Probing, Wanted, Where};
 use crate::solve::{Monitor, facing, lightmap, schedule};
 use crate::transport::cache::IrradianceCache;
 use crate::transport::light_grid::LightGrid;
@@ -66,6 +66,7 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
         say::findings(&plan.findings()[n_loaded..], false);
         watch.lap("unwrap");
         interrupt.check()?;
+        check_spacing(&plan)?;
         let memory = plan.memory(&input.document).peak();
         let exposure = args.exposure;
         let mut job =
@@ -387,13 +388,8 @@ impl Job<'_> {
             let probing = say::watch(self.style, "places of probes", 0, monitor, self.interrupt, || {
                 Probing::new(kernel, wanted, monitor)
             })?;
-            let Some(probing) = probing else {
-                // Boxes were judged when they were read.
-                let Where::Spaced(spacing) = wanted.place else { continue };
-                return Err(Error::Usage(format!(
-                    "--probe-spacing {spacing}: no lattice of up to 4194304 probes fits the scene with it; write a distance that suits the scene's size, or --probe-count"
-                )));
-            };
+            // Boxes were judged when they were read, distances by `check_spacing`.
+            let Some(probing) = probing else { continue };
             let paths = probing.paths();
             let (volume, figures) = say::watch(self.style, "probes", paths, monitor, self.interrupt, || {
                 probing.finish(kernel, monitor)
@@ -494,6 +490,23 @@ pub(crate) fn cells(plan: &Plan, kernel: &Kernel<'_>) -> Cells {
     let settings = plan.settings();
     let texel_size = plan.atlas().texels_per_metre.recip();
     Cells::find(kernel, &receivers(plan), texel_size, settings.samples, settings.seed)
+}
+
+/// Whether the distance of probes that is asked for suits the scene's size.
+///
+/// # Errors
+/// [`Error::Usage`] if no lattice fits.
+pub(crate) fn check_spacing(plan: &Plan) -> Result<(), Error> {
+    for wanted in plan.settings().probes.into_iter().flat_map(|settings| wanted_probes(plan, settings)) {
+        if let Where::Spaced(spacing) = wanted.place
+            && Layout::new(&plan.tracing().world, wanted.place).is_none()
+        {
+            return Err(Error::Usage(format!(
+                "--probe-spacing {spacing}: no lattice of up to 4194304 probes fits the scene with it; write a distance that suits the scene's size, or --probe-count"
+            )));
+        }
+    }
+    Ok(())
 }
 
 /// The volumes of probes that a plan calls for.

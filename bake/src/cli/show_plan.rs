@@ -3,7 +3,7 @@
 #![expect(clippy::print_stdout, reason = "the plan is the command's result")]
 
 use crate::cli::args::PlanArgs;
-use crate::cli::bake_run::{cells, effort, kernel, learn, wanted_probes};
+use crate::cli::bake_run::{cells, check_spacing, effort, kernel, learn, wanted_probes};
 use crate::cli::input;
 use crate::cli::say::{self, Interrupt, Style};
 use crate::error::Error;
@@ -35,6 +35,7 @@ pub(crate) fn run(args: &PlanArgs, interrupt: &Interrupt) -> Result<ExitCode, Er
     Style::new(args.work.progress).stage("unwrap", &format!("{} surfaces", input.scene.surfaces.len()));
     let plan =
         pool.install(|| plan::make(input.scene, input.findings, settings, &|_, _| !interrupt.raised()))?;
+    pool.install(|| check_spacing(&plan))?;
     let cost = pool.install(|| Cost::measure(&plan))?;
     let memory = pool.install(|| plan.memory(&input.document));
     if args.json {

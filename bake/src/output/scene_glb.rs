@@ -4,7 +4,7 @@
 //! the mesh. A mesh that several nodes show is repeated, sharing every accessor but
 //! `TEXCOORD_1`; a node with `EXT_mesh_gpu_instancing` gets one child per instance. A second UV set
 //! that textures use moves to a free number. Materials, nodes and primitives say which lightmap is
-//! theirs, see `attach`. All else of the document stays.
+//! theirs, see `attach`. A mesh that only bounds a medium or light probes is no longer shown. All else of the document stays.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -23,6 +23,7 @@ use crate::{
     scene::{
         accessor::{AccessorData, Kind},
         document::Document,
+        gltf::BOUNDS,
         model::Scene,
     },
 };
@@ -72,9 +73,10 @@ pub fn build(
     };
     let mut json = document.json.clone();
     attach::strip(&mut json);
+    hide_bounds(&mut json, scene);
     let n_images = json.get("images").and_then(Value::as_array).map_or(0, Vec::len);
     let users = users(document, scene, atlas);
-    let meshes = writer.meshes(&mut json, &users)?;
+    let meshes = writer.meshes(&mut json, &users, scene.bounds.iter().map(|(_, mesh)| *mesh))?;
     point_nodes(document, &mut json, &users, &meshes)?;
     for (node, words) in node_words(document, &json, atlas, &users, page_files) {
         if let Some(node) = json["nodes"][node].as_object_mut() {
@@ -151,11 +153,17 @@ struct Writer<'a> {
 }
 
 impl Writer<'_> {
-    /// Writes the placed meshes; the mesh index of each user.
-    fn meshes(&mut self, json: &mut Value, users: &[User<'_>]) -> Result<Vec<usize>> {
+    /// Writes the placed meshes, leaving those that are `bounds` as they are; the mesh index of each user.
+    fn meshes(
+        &mut self,
+        json: &mut Value,
+        users: &[User<'_>],
+        bounds: impl Iterator<Item = usize>,
+    ) -> Result<Vec<usize>> {
         let source = json["meshes"].as_array().cloned().unwrap_or_default();
         let mut meshes = source.clone();
         let mut kept = meshes_still_needed(self.document, users)?;
+        kept.extend(bounds);
         let mut written: Vec<(usize, &[Placed<'_>], usize)> = Vec::new();
         let mut result = Vec::with_capacity(users.len());
         // Users of one mesh in the same place, as with an atlas that the file brought, share it.
@@ -346,6 +354,20 @@ fn meshes_still_needed(document: &Document, users: &[User<'_>]) -> Result<BTreeS
         }
     }
     Ok(needed)
+}
+
+/// Takes the meshes that only bound media and light probes from their nodes, so that nobody draws them; their extras keep the numbers
+/// for another bake.
+fn hide_bounds(json: &mut Value, scene: &Scene) {
+    for (node, mesh) in &scene.bounds {
+        let Some(node) = json["nodes"][*node].as_object_mut() else { continue };
+        if let Some(extras) = node.entry("extras").or_insert_with(|| json!({})).as_object_mut() {
+            extras.insert(BOUNDS.to_owned(), json!(mesh));
+            for key in ["mesh", "skin", "weights"] {
+                node.shift_remove(key);
+            }
+        }
+    }
 }
 
 /// Gives each node its mesh, and one with GPU instances a child for each.

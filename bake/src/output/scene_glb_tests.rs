@@ -63,6 +63,33 @@ impl Maker {
     }
 }
 
+/// A mesh that only bounds something is hidden, also where a surface shows it too, and found again by the next bake.
+#[test]
+fn meshes_that_bound_are_not_shown() {
+    let mut maker = Maker::new(json!({
+        "scenes": [{ "nodes": [0, 1, 2] }],
+        "nodes": [
+            { "mesh": 0, "extras": { "medium": { "shape": "box", "sigma_s": 0.1 } } },
+            { "mesh": 0, "translation": [3, 0, 0] },
+            { "mesh": 0, "translation": [6, 0, 0], "extras": { "probes": 0.5, "mine": 1 } }
+        ],
+        "meshes": [{}]
+    }));
+    let primitive = cube(&mut maker);
+    maker.json["meshes"][0] = json!({ "primitives": [primitive] });
+    let baked = bake(maker.finish(), Unwrap::Always);
+    check(&baked);
+    let shown = |d: &Document| [0, 1, 2].map(|n| d.json["nodes"][n].get("mesh").is_some());
+    assert_eq!(shown(&baked.again), [false, true, false]);
+    assert_eq!(baked.again.json["nodes"][2]["extras"], json!({ "probes": 0.5, "mine": 1, "bounds_mesh": 0 }));
+    let about = |s: &Scene| (s.media.clone(), s.probe_boxes.clone(), s.bounds.clone());
+    assert_eq!(about(&baked.scene_again), about(&baked.scene));
+    assert_eq!(baked.scene.bounds, [(0, 0), (2, 0)]);
+    let twice = bake(baked.again, Unwrap::Keep);
+    check(&twice);
+    assert_eq!(about(&twice.scene_again), about(&baked.scene));
+}
+
 /// The faces of a cube on eight shared vertices: every layout has to cut it.
 const CUBE: [u16; 36] = [
     0, 2, 1, 1, 2, 3, 4, 5, 6, 5, 7, 6, 0, 1, 4, 1, 5, 4, 2, 6, 3, 3, 6, 7, 0, 4, 2, 2, 4, 6, 1, 3, 5, 3, 7,

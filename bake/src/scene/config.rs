@@ -9,9 +9,10 @@ use super::{
     density::Files,
     document::InputFile,
     findings::Findings,
+    gltf::BOUNDS,
     media_words::{MEDIUM_PREFIX, has_medium, media},
     model::{Light, LightKind, LightMode, LightmapMode, Medium, ProbeBox, Sky},
-    probe_words::probes,
+    probe_words::{probes, spacing},
     read::{Table, index_of, scalar},
     sky,
 };
@@ -94,6 +95,8 @@ pub struct NodeWords {
     pub mode: Option<LightMode>,
     /// `angular_diameter` of the node's directional light, radians (written in degrees).
     pub angular_diameter: Option<f32>,
+    /// `probes`: the bounds of the node's mesh, which is no surface then, are filled with probes that far apart, metres.
+    pub probes: Option<f32>,
 }
 
 impl NodeWords {
@@ -105,6 +108,7 @@ impl NodeWords {
             texels_per_metre: self.texels_per_metre.or(under.texels_per_metre),
             mode: self.mode.or(under.mode),
             angular_diameter: self.angular_diameter.or(under.angular_diameter),
+            probes: self.probes.or(under.probes),
         }
     }
 }
@@ -254,10 +258,15 @@ impl NodeWords {
             texels_per_metre: texels_per_metre(&mut t, out),
             mode: mode(&mut t, out),
             angular_diameter: angular_diameter(&mut t, out),
+            probes: spacing(&mut t, out),
         };
         if let Some(at) = has_medium(&mut t).filter(|_| !foreign) {
             let what = "a medium in the place of a node is read from the node's extras alone; ignored";
             out.push(Finding::warning(at, what, "write `media` with a `box`, or set the extras"));
+        }
+        if foreign {
+            // What an earlier bake wrote is known.
+            t.get(BOUNDS);
         }
         t.finish(foreign, MEDIUM_PREFIX, out);
         words

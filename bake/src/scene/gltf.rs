@@ -15,8 +15,8 @@ use super::{
     gltf_nodes::{self, Hierarchy, NodeIndex, Placed},
     media_words::Unplaced,
     model::{
-        Camera, Density, Light, LightKind, LightMode, LightmapMode, Medium, Mesh, Region, Scene, Shell, Sky,
-        Surface,
+        Camera, Density, Light, LightKind, LightMode, LightmapMode, Medium, Mesh, ProbeBox, Region, Scene,
+        Shell, Sky, Surface,
     },
     read::{index_of, shown},
     sky,
@@ -77,7 +77,11 @@ pub fn load(doc: &Document, config: &Config, options: &LoadOptions) -> (Scene, V
         let used: BTreeSet<usize> = scene.surfaces.iter().map(|s| s.material).collect();
         (scene.materials, scene.images) = gltf_material::load(doc, &used, metals_black, &mut out);
         lamps(&mut scene.lights, &extras.lamps, &config.scene.lamps);
+        let of_nodes = std::mem::take(&mut scene.probe_boxes);
         scene.probe_boxes = config.scene.probes.clone().or(extras.probes);
+        if let Some(boxes) = of_nodes {
+            scene.probe_boxes.get_or_insert_default().extend(boxes);
+        }
         scene.media.extend(extras.media);
         scene.media.extend(config.scene.media.iter().cloned());
         check_uv_sets(&mut scene, &mut out);
@@ -212,9 +216,16 @@ impl Builder<'_> {
             self.scene.lights.extend(light);
             let camera: Option<Camera> = gltf_nodes::camera(self.doc, self.tree, at, self.out);
             self.scene.cameras.extend(camera);
+            let bounded = medium.is_some();
             if let Some((medium, bounds)) = medium {
                 // In the place of the mesh, which is not a surface then.
                 self.medium(at, json, medium, bounds, &mut budget);
+            }
+            if let Some(spacing) = words.probes {
+                self.probes(at, json, spacing, &mut budget);
+            }
+            if bounded || words.probes.is_some() {
+                self.scene.bounds.extend(bounds_of(json).map(|mesh| (at.node, mesh)));
             } else if json.get("mesh").is_some() {
                 self.surfaces(at, json, words, &mut budget);
             }
@@ -237,7 +248,7 @@ impl Builder<'_> {
         let place = format!("nodes[{}]", at.node);
         let world_from_node = gltf_nodes::single_affine(at.world);
         let mut medium = Medium { path: self.tree.path(at.node), ..medium };
-        let mesh = json.get("mesh").and_then(index_of);
+        let mesh = bounds_of(json);
         let mut world_from_unit = None;
         if let Some(mesh) = mesh {
             let list = self.doc.json["meshes"].get(mesh).and_then(|m| m["primitives"].as_array());
@@ -278,6 +289,33 @@ impl Builder<'_> {
         }
         let settled = settle(medium, source, world_from_node, world_from_unit, &path, self.out);
         self.scene.media.extend(settled);
+    }
+
+    /// Light probes in the bounds of a node's mesh, metres along the axes of the scene.
+    fn probes(&mut self, at: &Placed, json: &Value, spacing: f32, budget: &mut gltf_mesh::Budget) {
+        let path = format!("nodes[{}]", at.node);
+        let Some(mesh) = bounds_of(json) else {
+            let fix = "give the node a mesh such as a cube, or write a box in the scene's `probes`";
+            self.out.push(Finding::error(path, "probes need a mesh whose bounds they fill", fix));
+            return;
+        };
+        let world_from_node = gltf_nodes::single_affine(at.world);
+        let (mut min, mut max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        let list = self.doc.json["meshes"].get(mesh).and_then(|m| m["primitives"].as_array());
+        for p in 0..list.map_or(0, Vec::len) {
+            let Some(index) = self.mesh(mesh, p, budget) else { continue };
+            for corner in self.corners[index].map(|c| world_from_node.transform_point3(c)) {
+                min = min.min(corner);
+                max = max.max(corner);
+            }
+        }
+        if !min.cmplt(max).all() {
+            let fix = "give the node a mesh with a volume, and no scale of 0";
+            self.out.push(Finding::error(path, "the bounds that probes should fill are empty", fix));
+            return;
+        }
+        let boxed = super::probe_words::checked(ProbeBox { path, min, max, spacing }, self.out);
+        self.scene.probe_boxes.get_or_insert_default().extend(boxed);
     }
 
     fn surfaces(&mut self, at: &Placed, json: &Value, words: NodeWords, budget: &mut gltf_mesh::Budget) {
@@ -370,6 +408,14 @@ impl Builder<'_> {
         found
     }
 }
+
+/// The mesh in whose place something else is. A file that was baked has its number in the extras, so that nobody draws it.
+fn bounds_of(node: &Value) -> Option<usize> {
+    node.get("mesh").or_else(|| node["extras"].get(BOUNDS)).and_then(index_of)
+}
+
+/// Word of a node's extras for the number of a mesh that bounds a medium or light probes.
+pub(crate) const BOUNDS: &str = "bounds_mesh";
 
 fn corners(positions: &[Vec3]) -> [Vec3; 8] {
     let low = positions.iter().copied().fold(Vec3::INFINITY, Vec3::min);

@@ -275,6 +275,58 @@ fn media_of_nodes_fill_their_bounds() {
     assert!(errors(&findings).iter().any(|f| f.what.contains("volume")), "flat: {findings:?}");
 }
 
+/// Probes fill the bounds of a node's mesh, which is no surface then.
+#[test]
+fn probes_of_nodes_fill_their_bounds() {
+    let corners: [f32; 18] = std::array::from_fn(|i| [2.0, 1.0, 3.0][i % 3] * f32::from(i / 3 % 4 == i % 3));
+    let filled = |extras: Value| {
+        triangle(|j| {
+            let uri = data(bytemuck::cast_slice(&corners));
+            let more = [
+                ("buffers", json!({"byteLength": 72, "uri": uri})),
+                ("bufferViews", json!({"buffer": 1, "byteLength": 72})),
+                ("accessors", json!({"bufferView": 1, "componentType": 5126, "count": 6, "type": "VEC3", "min": [0, 0, 0], "max": [2, 1, 3]})),
+                ("meshes", json!({"primitives": [{"attributes": {"POSITION": 1}}]})),
+                ("nodes", json!({
+                    "mesh": 1, "translation": [10, 0, 0], "rotation": [0, 0.707_106_77, 0, 0.707_106_77], "extras": extras
+                })),
+            ];
+            for (list, value) in more {
+                j[list].as_array_mut().expect("a list").push(value);
+            }
+            j["scenes"][0]["nodes"] = json!([0, 1]);
+        })
+        .expect("opens")
+    };
+    for extras in [json!({"probes": 0.5}), json!({"probes": {"spacing": 0.5}}), json!({"probes": "0.5"})] {
+        let (scene, findings) = filled(extras);
+        assert!(errors(&findings).is_empty(), "{findings:?}");
+        assert_eq!((scene.surfaces.len(), &scene.bounds[..]), (1, &[(1, 1)][..]));
+        let [probes] = &scene.probe_boxes.expect("boxes")[..] else { panic!("one box") };
+        // A quarter turn about y takes x to -z and z to x.
+        assert!(probes.min.abs_diff_eq(Vec3::new(10.0, 0.0, -2.0), 1e-5), "{probes:?}");
+        assert!(probes.max.abs_diff_eq(Vec3::new(13.0, 1.0, 0.0), 1e-5), "{probes:?}");
+        assert_eq!((probes.spacing, probes.path.as_str()), (0.5, "nodes[1]"));
+    }
+    for (extras, place) in [
+        (json!({"probes": 0}), "nodes[1].extras.probes"),
+        (json!({"probes": true}), "nodes[1].extras.probes"),
+        (json!({"probes": 1e-4}), "nodes[1]"),
+    ] {
+        let (_, findings) = filled(extras.clone());
+        let first = errors(&findings).first().map(|f| f.path.clone());
+        assert_eq!(first.as_deref(), Some(place), "{extras}");
+    }
+    let (_, findings) = triangle(|j| j["nodes"][0]["extras"] = json!({"probes": 1})).expect("opens");
+    assert!(errors(&findings).iter().any(|f| f.what.contains("empty")), "flat: {findings:?}");
+    let (_, findings) = triangle(|j| {
+        j["nodes"].as_array_mut().expect("nodes").push(json!({"extras": {"probes": 1}}));
+        j["scenes"][0]["nodes"] = json!([0, 1]);
+    })
+    .expect("opens");
+    assert!(errors(&findings).iter().any(|f| f.fix.contains("cube")), "no mesh: {findings:?}");
+}
+
 #[test]
 fn instances_sparse_parts_and_strips() {
     let moved: [f32; 6] = [0.0, 0.0, 0.0, 10.0, 0.0, 0.0];

@@ -35,6 +35,8 @@ pub struct Scene {
     pub media: Vec<Medium>,
     /// Where light probes are asked for by name; `None` where they find their places by themselves.
     pub probe_boxes: Option<Vec<ProbeBox>>,
+    /// Nodes whose mesh bounds a medium or light probes and is no surface, and the glTF's number of that mesh.
+    pub bounds: Vec<(usize, usize)>,
 }
 
 /// A box that is filled with light probes.

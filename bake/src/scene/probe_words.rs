@@ -6,7 +6,7 @@ use serde_json::Value;
 use super::{
     findings::Findings,
     model::ProbeBox,
-    read::{Table, floats},
+    read::{Table, floats, scalar},
 };
 use crate::error::Finding;
 
@@ -29,6 +29,12 @@ pub(super) fn probes(t: &mut Table<'_>, out: &mut Findings) -> Option<Vec<ProbeB
     }
 }
 
+/// Reads `probes` of a node: the distance of probes in the bounds of its mesh, metres, alone or as `spacing`.
+pub(super) fn spacing(t: &mut Table<'_>, out: &mut Findings) -> Option<f32> {
+    let expected = "a distance above 0 metres such as 0.5 or {\"spacing\": 0.5}";
+    t.read("probes", expected, out, |v| scalar(v.get("spacing").unwrap_or(v)).filter(|s| 0.0 < *s))
+}
+
 fn probe_box(value: &Value, path: &str, out: &mut Findings) -> Option<ProbeBox> {
     let mut t = Table::new(value, path, out)?;
     let bounds = t.read("box", "a table with min and max, three numbers each", out, |v| {
@@ -46,6 +52,13 @@ fn probe_box(value: &Value, path: &str, out: &mut Findings) -> Option<ProbeBox> 
         needs("a box of probes has a `spacing`", "add the distance of probes, metres");
     }
     let ((min, max), spacing) = bounds.zip(spacing)?;
+    checked(ProbeBox { path: path.to_owned(), min, max, spacing }, out)
+}
+
+/// The box if it is one, and not of too many probes.
+pub(super) fn checked(probes: ProbeBox, out: &mut Findings) -> Option<ProbeBox> {
+    let ProbeBox { min, max, spacing, .. } = probes;
+    let mut needs = |what: &str, fix: &str| out.push(Finding::error(&probes.path, what, fix));
     if !min.cmplt(max).all() {
         needs("the box is empty", "make every number of max greater than that of min");
         return None;
@@ -58,7 +71,7 @@ fn probe_box(value: &Value, path: &str, out: &mut Findings) -> Option<ProbeBox> 
         needs(&what, "make spacing greater, or the box smaller");
         return None;
     }
-    Some(ProbeBox { path: path.to_owned(), min, max, spacing })
+    Some(probes)
 }
 
 #[cfg(test)]
