@@ -1,12 +1,15 @@
 //! Denoised lightmaps are nearer to the truth, say what they were, and keep what is not noise.
 
+use glam::Vec3;
 use std::collections::BTreeSet;
 use suite::{
     baked::Baked,
+    gltf::{Glb, Kind, Material, Node},
     scenes::{
         closed::{Room, room, two_rooms},
         open::wall_outdoors,
     },
+    shape::Shape,
     tool,
 };
 
@@ -82,7 +85,7 @@ fn better(scene: &[u8], density: &str, samples: &str, most: [f64; 2], most_chang
         let figures = clean.manifest.denoised.expect("denoised");
         assert_eq!(Some(figures), clean.manifest.pages[0].denoised);
         let stated = figures.rms_error / after;
-        assert!((0.3..3.0).contains(&stated), "{mode}: {} is stated for {after}", figures.rms_error);
+        assert!((0.35..2.0).contains(&stated), "{mode}: {} is stated for {after}", figures.rms_error);
         let left = luminance(&clean, "rmse.");
         let rms = mean(&left.iter().map(|e| e * e).collect::<Vec<_>>()).sqrt();
         assert!((rms / figures.rms_error - 1.0).abs() < 1e-4);
@@ -127,6 +130,53 @@ fn nothing_bleeds_from_a_bright_chart_into_a_black_one() {
             }
             assert!(500 < dark && 500 < bright.len(), "{dark} dark and {} bright texels", bright.len());
         }
+    }
+}
+
+/// A room that a sheet parts in two, on a floor and below a ceiling that run through; only the left half has a lamp, small and over a plate, so
+/// that light comes to the floor by way of the ceiling and is noisy up to the sheet.
+fn halves() -> Vec<u8> {
+    let mut glb = Glb::new();
+    let white = glb.material(&Material::matte("white", [0.7; 3]));
+    let both = glb.material(&Material::matte("sheet", [0.7; 3]).double_sided());
+    let mut room = Shape::default();
+    room.cuboid([-2.0, 0.0, -1.0], [2.0, 2.0, 1.0], suite::shape::ALL);
+    let mut sheet = Shape::default();
+    sheet.quad([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, 2.0, 1.0], [0.0, 2.0, -1.0]].map(Vec3::from));
+    let mut plate = Shape::default();
+    plate.quad([[-1.7, 1.7, 0.4], [-1.0, 1.7, 0.4], [-1.0, 1.7, -0.4], [-1.7, 1.7, -0.4]].map(Vec3::from));
+    let lamp = glb.light("lamp", Kind::Point, [1.0; 3], 20.0);
+    glb.node(Node { light: Some(lamp), ..Node::new("lamp") }.at([-1.35, 1.75, 0.0]));
+    for (name, shape, material) in
+        [("room", room.inside_out(), white), ("sheet", sheet, both), ("plate", plate, both)]
+    {
+        let mesh = glb.mesh(name, &[(&shape, material)]);
+        glb.node(Node::new(name).mesh(mesh));
+    }
+    glb.finish()
+}
+
+/// Nor through a wall that stands on a floor of one chart.
+#[test]
+fn nothing_bleeds_under_a_wall() {
+    let args = ["--texels-per-metre", "8", "--samples", "16", "--irradiance-cache", "off"];
+    for mode in MODES {
+        let baked = bake(&halves(), mode, &args);
+        let page = &baked.pages[0];
+        let (mut dark, mut changed) = (0, 0);
+        for ((x, y), pieces) in baked.texels() {
+            if !pieces.iter().all(|p| p.node == "room") {
+                continue;
+            }
+            let (light, before) = (page.rgb("", x, y), page.rgb("noisy.", x, y));
+            // Texels that both halves share are lit by one of them, and noise may leave some of the lit half black.
+            if before == Vec3::ZERO && pieces.iter().flat_map(|p| &p.points).all(|(at, ..)| 0.0 < at.x) {
+                assert_eq!(light, Vec3::ZERO, "{mode}: texel {x},{y} of the dark half");
+                dark += 1;
+            }
+            changed += usize::from(light != before);
+        }
+        assert!(500 < dark && 300 < changed, "{mode}: {dark} dark, {changed} changed");
     }
 }
 

@@ -7,7 +7,8 @@
 
 use bake::geom::atlas::{Engine, Unwrap};
 use bake::geom::texel::TexelMap;
-use bake::output::{assemble, scene_glb};
+use bake::output::scene_glb::{self, PageFile};
+use bake::output::{assemble, denoise};
 use bake::plan::settings::{Denoise, Sampling};
 use bake::plan::{self, MediaMode, Plan, Quality, Settings};
 use bake::sample::sequence::mix64;
@@ -329,7 +330,7 @@ fn attempt(name: &str, bytes: &[u8], folder: Option<&Path>, config: Option<&str>
         directional: Some(2),
         probes: None,
         texture: None,
-        denoise: Denoise::Off,
+        denoise: Denoise::Draft,
         seams: true,
     };
     let Ok(plan) = plan::make(scene, findings, settings, &|_, _| true) else { return "plan refused" };
@@ -349,7 +350,8 @@ fn bake_a_little(plan: &Plan, document: &Document) {
     let mut solution = solution;
     let directions =
         directional::gather(&kernel, &map, 0, (2, 1), &mut solution, &monitor).expect("nobody stops it");
-    let (page, ..) = assemble::page(plan, map, solution, None, Some(directions));
+    let clean = denoise::denoise(plan, &map, &solution, &monitor).expect("nobody stops it");
+    let (page, ..) = assemble::page(plan, map, solution, clean, Some(directions));
     let bad = page.sh1.iter().flatten().flatten().flatten().find(|v| !v.is_finite());
     assert_eq!(bad, None, "a direction that is none");
     let place = Where::Scene { about: 130 };
@@ -369,7 +371,7 @@ fn bake_a_little(plan: &Plan, document: &Document) {
         document,
         plan.scene(),
         plan.atlas(),
-        &["lightmap-0.exr".to_owned()],
+        &[PageFile { exr: "lightmap-0.exr".to_owned(), texture: None }],
     );
 }
 

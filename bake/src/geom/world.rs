@@ -110,6 +110,31 @@ impl World {
         self.faces[triangle as usize].corners
     }
 
+    /// Triangles of one surface.
+    #[cfg(test)]
+    pub(crate) fn of_triangles(triangles: Vec<[Vec3; 3]>) -> Self {
+        let mut scene = Scene::default();
+        let n = u32::try_from(triangles.len()).expect("a few");
+        scene.meshes.push(crate::scene::model::Mesh {
+            positions: triangles.into_iter().flatten().collect(),
+            triangles: (0..n).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+            ..Default::default()
+        });
+        scene.materials.push(Default::default());
+        scene.surfaces.push(crate::scene::model::Surface {
+            path: String::new(),
+            node: 0,
+            gpu_instance: None,
+            mesh: 0,
+            material: 0,
+            world_from_mesh: glam::Affine3A::IDENTITY,
+            lightmap: Default::default(),
+            casts_shadow: true,
+            texels_per_metre: None,
+        });
+        Self::new(&scene)
+    }
+
     /// Corners to spoil.
     #[cfg(test)]
     pub(crate) fn corners_mut(&mut self, triangle: u32) -> &mut [Vec3; 3] {

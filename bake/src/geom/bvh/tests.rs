@@ -5,29 +5,6 @@ use crate::geom::ray::WatertightRay;
 use crate::sample::{Sequence, sequence::key};
 use glam::{Vec3, Vec3A};
 
-fn world(triangles: Vec<[Vec3; 3]>) -> World {
-    let mut scene = crate::scene::model::Scene::default();
-    let n = triangles.len() as u32;
-    scene.meshes.push(crate::scene::model::Mesh {
-        positions: triangles.into_iter().flatten().collect(),
-        triangles: (0..n).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
-        ..Default::default()
-    });
-    scene.materials.push(Default::default());
-    scene.surfaces.push(crate::scene::model::Surface {
-        path: String::new(),
-        node: 0,
-        gpu_instance: None,
-        mesh: 0,
-        material: 0,
-        world_from_mesh: glam::Affine3A::IDENTITY,
-        lightmap: Default::default(),
-        casts_shadow: true,
-        texels_per_metre: None,
-    });
-    World::new(&scene)
-}
-
 fn random_rays(n: u32) -> impl Iterator<Item = Ray> {
     (0..n).map(|i| {
         let mut s = Sequence::new(key(1, 2, u64::from(i)), 0);
@@ -55,7 +32,7 @@ fn soup(n: u32, size: f32) -> Vec<[Vec3; 3]> {
 #[test]
 fn tree_equals_linear_scan() {
     for n in [0, 1, 2, 3, 700] {
-        let w = world(soup(n, 0.4));
+        let w = World::of_triangles(soup(n, 0.4));
         let bvh = Bvh::build(&w, |_| Some(Opacity::Opaque)).expect("builds");
         let mut hits = 0;
         for ray in random_rays(2000) {
@@ -106,7 +83,7 @@ fn closed_mesh_is_watertight() {
     let rays: u32 = if slow { 10_000_000 } else { 1_000_000 };
     let tris = sphere(16);
     let corners: Vec<Vec3> = tris.iter().flatten().copied().collect();
-    let w = world(tris);
+    let w = World::of_triangles(tris);
     let bvh = Bvh::build(&w, |_| Some(Opacity::Opaque)).expect("builds");
     let mut escaped = 0;
     for i in 0..rays {
@@ -130,7 +107,7 @@ fn poisoned_input_neither_hangs_nor_hits() {
     tris.push([Vec3::ZERO; 3]);
     tris.push([Vec3::X, Vec3::X, Vec3::Y]);
     tris.push([Vec3::splat(1e30), Vec3::new(1e30, -1e30, 0.0), Vec3::NEG_ONE * 1e30]);
-    let mut w = world(tris);
+    let mut w = World::of_triangles(tris);
     w.corners_mut(3)[0].x = f32::NAN;
     w.corners_mut(4)[1].y = f32::INFINITY;
     let bvh = Bvh::build(&w, |_| Some(Opacity::Opaque)).expect("builds");
@@ -149,7 +126,7 @@ fn ties_go_to_the_lower_index() {
     let mut tris = soup(300, 0.4);
     let copy = tris.clone();
     tris.extend(copy);
-    let w = world(tris);
+    let w = World::of_triangles(tris);
     let bvh = Bvh::build(&w, |_| Some(Opacity::Opaque)).expect("builds");
     let hits: Vec<Hit> = random_rays(1000).filter_map(|r| bvh.closest(&r, |_| true)).collect();
     assert!(100 < hits.len() && hits.iter().all(|h| h.triangle < 300));
@@ -173,7 +150,7 @@ fn avx2_equals_plain_loops() {
         quads.flat_map(halves).collect::<Vec<_>>()
     };
     for tris in [soup(1, 0.9), soup(40, 0.9), soup(3000, 0.2), sphere(16), flat(8)] {
-        let w = world(tris);
+        let w = World::of_triangles(tris);
         let fast = Bvh::build(&w, |i| {
             (i % 11 != 5).then_some(if i % 3 == 0 { Opacity::Ask } else { Opacity::Opaque })
         });
@@ -211,7 +188,7 @@ fn avx2_equals_plain_loops() {
 /// A ray along which nothing blocks has asked about every triangle it meets, once.
 #[test]
 fn occlusion_asks_about_each_hit_once() {
-    let w = world(soup(500, 0.5));
+    let w = World::of_triangles(soup(500, 0.5));
     let bvh = Bvh::build(&w, |_| Some(Opacity::Ask)).expect("builds");
     let mut most = 0;
     for ray in random_rays(2000) {
@@ -233,7 +210,7 @@ fn occlusion_asks_about_each_hit_once() {
 /// Five thousand copies of one triangle cannot be separated; the tree stays low and the first copy wins.
 #[test]
 fn copies_make_no_deep_tree() {
-    let w = world(vec![[Vec3::ZERO, Vec3::X, Vec3::Y]; 5000]);
+    let w = World::of_triangles(vec![[Vec3::ZERO, Vec3::X, Vec3::Y]; 5000]);
     let bvh = Bvh::build(&w, |_| Some(Opacity::Opaque)).expect("builds");
     let [a, b, c] = w.corners(0).map(Vec3A::from);
     let origin = (a + b + c) / 3.0 + Vec3A::Z;

@@ -42,7 +42,7 @@ impl Alike<'_> {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Kernel<'a> {
     /// The texels.
-    pub(super) places: &'a Places,
+    pub(super) places: &'a Places<'a>,
     /// All have to find two texels alike.
     pub(super) alike: &'a [Alike<'a>],
     /// How far each texel may look, texels; of two texels the lesser counts.

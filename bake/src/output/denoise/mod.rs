@@ -12,17 +12,22 @@
 //!    the texel stays as it is.
 //! 4. Weights are the same both ways, `filter`, so that the sum over all texels stays as it was.
 //!
+//! Walls part texels of a floor that runs through below them, as seen half a texel above it. Where hundreds of texels lie in the same
+//! place, each looks at some of them only.
+//!
 //! All is relative: to the texels' size, and to their own variances. No sum depends on the number of threads.
 
 mod filter;
 mod part;
 mod places;
 
+use crate::error::{Error, Result};
 use crate::geom::texel::TexelMap;
 use crate::output::page::{Page, luminance};
 use crate::plan::Plan;
 use crate::plan::settings::Denoise;
 use crate::scene::model::Rgb;
+use crate::solve::Monitor;
 use crate::solve::lightmap::{Gathered, Solution, Texel};
 use crate::solve::visible::Validity;
 use glam::Vec3;
@@ -49,26 +54,36 @@ const WORTH_SMALL: f32 = 0.3;
 const WORTH_PATHS: f32 = 0.7;
 
 /// Denoises a page's solution, which stays as it is; one entry for each of its texels. `None` where nothing is to be done.
-#[must_use]
-pub fn denoise(plan: &Plan, map: &TexelMap, solution: &Solution) -> Option<Vec<Light>> {
+///
+/// # Errors
+/// [`Error::Interrupted`] when the monitor asks to stop.
+pub fn denoise(
+    plan: &Plan,
+    map: &TexelMap,
+    solution: &Solution,
+    monitor: &Monitor,
+) -> Result<Option<Vec<Light>>> {
     let method = match plan.settings().denoise {
-        Denoise::Off => return None,
+        Denoise::Off => return Ok(None),
         Denoise::Draft => DRAFT,
         Denoise::Final => FINAL,
     };
-    let places = Places::find(plan, map, solution, method.reach());
+    let places = Places::find(plan, map, solution, method.reach(), monitor);
     let unit = unit(solution);
     let small = gather(&places, solution, unit, WORTH_SMALL, |t| (t.small, t.scattered));
     let small = small.denoise(&places, method);
     let paths = gather(&places, solution, unit, WORTH_PATHS, |t| (t.paths, t.unreflected));
     let paths = paths.denoise(&places, method);
+    if monitor.stopped() {
+        return Err(Error::Interrupted);
+    }
     // What cannot be seen stays as it is until it is filled from the others.
     let mut lights: Vec<Light> = solution.texels.iter().map(|t| as_it_is(solution, t)).collect();
     for ((&i, small), paths) in places.texels.iter().zip(&small).zip(&paths) {
         let texel = &solution.texels[i as usize];
         lights[i as usize] = joined(texel, small, paths, unit);
     }
-    Some(lights)
+    Ok(Some(lights))
 }
 
 impl Method {
@@ -90,7 +105,7 @@ fn unit(solution: &Solution) -> f32 {
 
 /// One part of the light in the order of places: what was gathered, and the share that is split off from it.
 fn gather(
-    places: &Places,
+    places: &Places<'_>,
     solution: &Solution,
     unit: f32,
     worth: f32,

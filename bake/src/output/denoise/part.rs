@@ -76,7 +76,7 @@ pub(super) struct Clean {
 
 impl Part {
     /// Filters it.
-    pub(super) fn denoise(mut self, places: &Places, method: Method) -> Vec<Clean> {
+    pub(super) fn denoise(mut self, places: &Places<'_>, method: Method) -> Vec<Clean> {
         if self.variance.iter().all(|v| *v == Vec3::ZERO) {
             return self.layers.into_iter().map(|layers| Clean { layers, error: 0.0 }).collect();
         }
@@ -121,7 +121,7 @@ impl Part {
     }
 
     /// Filters with the radius that seems best for each texel.
-    fn best(&self, places: &Places, method: Method, black: &[bool], alike: &[Alike<'_>]) -> Vec<Clean> {
+    fn best(&self, places: &Places<'_>, method: Method, black: &[bool], alike: &[Alike<'_>]) -> Vec<Clean> {
         let noise: Vec<f32> = self.variance.iter().map(|v| squared_error(*v)).collect();
         let left = pooled(places, &noise);
         let errors: Vec<Vec<f32>> = method
@@ -155,7 +155,7 @@ impl Part {
     ///
     /// \[Ste81\] Stein, "Estimation of the mean of a multivariate normal distribution", 1981: the squared change, less the noise, plus
     /// twice the noise that is left of a texel in itself, is right on average. One texel says little, so it is averaged around each.
-    fn errors(&self, places: &Places, noise: &[f32], filtered: &[Filtered]) -> Vec<f32> {
+    fn errors(&self, places: &Places<'_>, noise: &[f32], filtered: &[Filtered]) -> Vec<f32> {
         let each = |(i, f): (usize, &Filtered)| {
             let change = luminance(f.layers[0] - self.layers[i][0]);
             change * change + (2.0 * f.own - 1.0) * noise[i]
@@ -181,7 +181,7 @@ fn ratio(a: f64, b: f64) -> f64 {
 }
 
 /// Mean over the neighbourhood of every texel.
-fn pooled(places: &Places, x: &[f32]) -> Vec<f32> {
+fn pooled(places: &Places<'_>, x: &[f32]) -> Vec<f32> {
     places.map(|i, near| {
         let (mut sum, mut n) = (x[i], 1.0);
         near.each(i, POOL, |j, squared, surface| {
@@ -194,7 +194,7 @@ fn pooled(places: &Places, x: &[f32]) -> Vec<f32> {
 
 /// The variance of each texel or that of its neighbours, whichever is greater: a texel whose few samples happened to agree knows less
 /// than it says. Neighbours are those of the same chart: what is black behind a wall knows it whatever is before the wall.
-fn smoothed(places: &Places, variance: &[Vec3]) -> Vec<Vec3> {
+fn smoothed(places: &Places<'_>, variance: &[Vec3]) -> Vec<Vec3> {
     places.map(|i, near| {
         let (mut sum, mut n) = (variance[i], 1.0);
         near.each(i, SMOOTH, |j, _, _| {

@@ -1,11 +1,15 @@
 //! Where texels are in the world, and which others lie near one.
 
 use crate::geom::World;
+use crate::geom::bvh::Bvh;
+use crate::geom::ray::{Ray, offset_distance};
 use crate::geom::texel::{TexelMap, TexelSampler};
 use crate::plan::Plan;
+use crate::sample::warp::Frame;
+use crate::solve::Monitor;
 use crate::solve::lightmap::{Solution, Texel};
 use crate::solve::visible::Validity;
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -18,18 +22,35 @@ const CELL: f32 = 4.0;
 /// Surfaces further apart than this part of a texel along their normals do not continue one another.
 const MOST_GAP: f32 = 0.5;
 
+/// Texels of a cell from which on they are parted into layers that do not know of one another. A surface has 32 in a cell; many more are
+/// copies in the same place, or charts smaller than texels, and looking at every pair of them would take forever.
+const CROWD: usize = 512;
+
+/// How far above the surface a wall counts that parts texels, texels: as with seams.
+const ABOVE: f32 = 0.5;
+
+/// Directions in which a texel looks for walls.
+const SECTORS: usize = 16;
+
 /// Texels that count, sorted by where they are.
 ///
 /// Only texels of about the same size are near one another: sizes within a factor of the root of two from a power of two
-/// times the page's own form a class.
+/// times the page's own form a class. Where something opaque stands between two texels, as a wall does on a floor that runs through below it,
+/// they are not near one another.
 #[derive(Debug, Default)]
-pub(super) struct Places {
+pub(super) struct Places<'a> {
     /// Number of each texel in [`Solution::texels`].
     pub(super) texels: Vec<u32>,
     spots: Vec<Spot>,
     cells: Vec<Cell>,
     /// How many cells away a texel may look.
     most: u16,
+    /// Where the list of each place begins in `parted`, and its end.
+    first_parted: Vec<u32>,
+    /// For each place those that something stands before, ascending.
+    parted: Vec<u32>,
+    /// Who may stop the work.
+    monitor: Option<&'a Monitor>,
 }
 
 /// One texel.
@@ -55,10 +76,16 @@ struct Cell {
 /// Class of size, then z, y and x in sides of a cube.
 type Key = [i32; 4];
 
-impl Places {
+impl<'a> Places<'a> {
     /// The valid texels of a page. Those that lie `reach` texels apart are near.
-    pub(super) fn find(plan: &Plan, map: &TexelMap, solution: &Solution, reach: f32) -> Self {
-        let world = &plan.tracing().world;
+    pub(super) fn find(
+        plan: &Plan,
+        map: &TexelMap,
+        solution: &Solution,
+        reach: f32,
+        monitor: &'a Monitor,
+    ) -> Self {
+        let (world, bvh) = (&plan.tracing().world, &plan.tracing().bvh);
         let nominal = plan.atlas().texels_per_metre;
         let spots: Vec<Option<(Key, Spot)>> = (0..solution.texels.len())
             .into_par_iter()
@@ -73,7 +100,10 @@ impl Places {
                 Some((spot.key(nominal), spot))
             })
             .collect();
-        Self::sorted(&spots, reach)
+        let mut places = Self { monitor: Some(monitor), ..Self::sorted(&spots, reach) };
+        drop(spots);
+        places.part(bvh, reach, offset_distance(world.radius));
+        places
     }
 
     /// Places at the given points with the given normals, one texel a metre.
@@ -93,6 +123,14 @@ impl Places {
         let mut order: Vec<(Key, u32)> =
             (0u32..).zip(spots).filter_map(|(i, s)| s.as_ref().map(|(key, _)| (*key, i))).collect();
         order.par_sort_unstable();
+        for crowd in order.chunk_by_mut(|a, b| a.0 == b.0).filter(|same| CROWD < same.len()) {
+            let layers = (crowd.len() / CROWD + 1).next_power_of_two();
+            for (key, i) in crowd {
+                let chart = spots[*i as usize].map_or(0, |s| s.1.chart);
+                key[0] = layer(key[0], layers, chart);
+            }
+        }
+        order.par_sort_unstable();
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few cells")]
         let most = (reach / CELL).ceil() as u16;
         let mut places = Self { most, ..Self::default() };
@@ -104,6 +142,86 @@ impl Places {
         }
         places.spots = order.iter().filter_map(|&(_, i)| spots[i as usize].map(|s| s.1)).collect();
         places
+    }
+
+    /// Finds which places that are near one another something stands between.
+    fn part(&mut self, bvh: &Bvh, reach: f32, least: f32) {
+        let over = |s: &Spot| Vec3A::from(s.position + s.normal * (ABOVE / s.density).max(least));
+        let stop = self.monitor;
+        // How far it is to what stands around a place, in each sector; none where there is nothing.
+        let walls: Vec<Option<Box<[f32; SECTORS]>>> = self
+            .spots
+            .par_iter()
+            .map(|spot| {
+                let (origin, frame, t_max) =
+                    (over(spot), Frame::new(spot.normal.into()), reach / spot.density);
+                let mut found = None;
+                if stop.is_some_and(Monitor::stopped) {
+                    return found;
+                }
+                for sector in 0..SECTORS {
+                    let (sin, cos) = (sector as f32 / SECTORS as f32 * std::f32::consts::TAU).sin_cos();
+                    let ray = Ray { origin, direction: frame.x * cos + frame.y * sin, t_max };
+                    if let Some(hit) = bvh.closest(&ray, |_| false) {
+                        found.get_or_insert_with(|| Box::new([f32::INFINITY; SECTORS]))[sector] = hit.t;
+                    }
+                }
+                found
+            })
+            .collect();
+        if walls.iter().all(Option::is_none) {
+            return;
+        }
+        // Nothing is on the way where it ends before what stands on both sides of it.
+        let free = |i: usize, way: Vec3, length: f32| {
+            let Some(walls) = &walls[i] else { return true };
+            let frame = Frame::new(self.spots[i].normal.into());
+            let way = Vec3A::from(way);
+            let turn = way.dot(frame.y).atan2(way.dot(frame.x)) / std::f32::consts::TAU;
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a sector")]
+            let sector = (turn.rem_euclid(1.0) * SECTORS as f32) as usize % SECTORS;
+            length < walls[sector].min(walls[(sector + 1) % SECTORS])
+        };
+        let parted: Vec<Vec<u32>> = self.map(|i, near| {
+            let mut list = Vec::new();
+            if walls[i].is_none() {
+                return list;
+            }
+            near.each(i, reach, |j, _, _| {
+                let way = self.spots[j].position - self.spots[i].position;
+                let length = way.length();
+                if walls[j].is_none() || free(i, way, length) || free(j, -way, length) {
+                    return;
+                }
+                // The same ray from whichever side it is asked for.
+                let [a, b] = [i.min(j), i.max(j)].map(|k| over(&self.spots[k]));
+                let ray = Ray { origin: a, direction: (b - a).normalize_or_zero(), t_max: (b - a).length() };
+                if bvh.occluded(&ray, |_| false) {
+                    #[expect(clippy::cast_possible_truncation, reason = "as many as there are texels")]
+                    list.push(j as u32);
+                }
+            });
+            list.sort_unstable();
+            list
+        });
+        if parted.iter().all(Vec::is_empty) {
+            return;
+        }
+        self.first_parted.push(0);
+        for list in parted {
+            self.parted.extend(list);
+            #[expect(clippy::cast_possible_truncation, reason = "pairs along walls")]
+            self.first_parted.push(self.parted.len() as u32);
+        }
+    }
+
+    /// What something stands before, as seen from a place.
+    #[inline]
+    fn parted(&self, i: usize) -> &[u32] {
+        match self.first_parted.get(i..i + 2) {
+            Some([from, to]) => &self.parted[*from as usize..*to as usize],
+            _ => &[],
+        }
     }
 
     /// Whether both are of one chart.
@@ -127,6 +245,9 @@ impl Places {
             rest = more;
         }
         parts.into_par_iter().enumerate().for_each(|(c, part)| {
+            if self.monitor.is_some_and(Monitor::stopped) {
+                return;
+            }
             let key = self.cells[c].key;
             let near = Near { places: self, rows: (1..=self.most).map(|n| self.rows(key, n)).collect() };
             for (i, out) in self.range(c, c + 1).zip(part) {
@@ -163,7 +284,7 @@ impl Places {
 /// What lies around the places of one cell.
 #[derive(Debug)]
 pub(super) struct Near<'a> {
-    places: &'a Places,
+    places: &'a Places<'a>,
     /// Those at most one cell away, at most two, and so on.
     rows: Vec<Vec<Range<usize>>>,
 }
@@ -175,6 +296,7 @@ impl Near<'_> {
     #[inline]
     pub(super) fn each(&self, i: usize, radius: f32, mut f: impl FnMut(usize, f32, f32)) {
         let spots = &self.places.spots;
+        let parted = self.places.parted(i);
         let a = spots[i];
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few cells")]
         let away = (radius / CELL).ceil() as usize;
@@ -189,7 +311,7 @@ impl Near<'_> {
                 let weight = (a.normal.dot(b.normal) - LEAST_COSINE) / (1.0 - LEAST_COSINE);
                 // On a plane, and on an arc as well, the way to the other is at right angles to the sum of the normals.
                 let gap = 0.5 * v.dot(a.normal + b.normal);
-                if 0.0 < weight && gap * gap * scale < MOST_GAP * MOST_GAP {
+                if 0.0 < weight && gap * gap * scale < MOST_GAP * MOST_GAP && !holds(parted, j) {
                     f(j, squared, weight.min(1.0));
                 }
             }
@@ -238,6 +360,22 @@ impl Spot {
     }
 }
 
+/// Whether a sorted list holds a place.
+#[inline]
+fn holds(list: &[u32], i: usize) -> bool {
+    #[expect(clippy::cast_possible_truncation, reason = "as many as there are texels")]
+    let i = i as u32;
+    !list.is_empty() && list.binary_search(&i).is_ok()
+}
+
+/// The class of a texel in a cell of a crowd: charts stay together in one of so many layers.
+fn layer(class: i32, layers: usize, chart: u32) -> i32 {
+    let log = layers.ilog2().min(16);
+    let layer = chart.wrapping_mul(0x9e37_79b9) >> 16 & ((1 << log) - 1);
+    let low = (class + 64).cast_unsigned() & 0x7f;
+    (1 << 30 | log << 24 | layer << 7 | low).cast_signed()
+}
+
 #[expect(clippy::cast_possible_truncation, reason = "cells far away saturate")]
 fn cell(x: f32) -> i32 {
     x.floor() as i32
@@ -246,6 +384,7 @@ fn cell(x: f32) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geom::bvh::Opacity;
 
     /// What is near each place, by number of texel.
     fn near(places: &Places, radius: f32) -> Vec<(u32, Vec<u32>)> {
@@ -278,6 +417,56 @@ mod tests {
             let close =
                 |&j: &u32| j != i && points[i as usize].distance_squared(points[j as usize]) < reach * reach;
             let want: Vec<u32> = (0..500).filter(close).collect();
+            assert_eq!(list, want, "of {i}");
+        }
+    }
+
+    /// Ten thousand copies of a patch of four texels: each knows all of its own chart, and of others no more than a few thousand.
+    #[test]
+    fn crowds_are_parted_by_charts() {
+        let spots: Vec<Option<(Key, Spot)>> = (0..40_000u32)
+            .map(|i| {
+                let position = Vec3::new((i % 2) as f32, 0.0, (i / 2 % 2) as f32) + 1.0;
+                let spot = Spot { position, normal: Vec3::Y, density: 1.0, chart: i / 4 };
+                Some((spot.key(1.0), spot))
+            })
+            .collect();
+        let places = Places::sorted(&spots, 4.0);
+        let counts = places.map(|i, near| {
+            let (mut own, mut others) = (0, 0);
+            near.each(i, 4.0, |j, _, _| if places.share_chart(i, j) { own += 1 } else { others += 1 });
+            (own, others)
+        });
+        assert!(
+            counts.iter().all(|(own, others)| *own == 3 && *others < 3 * CROWD),
+            "{:?}",
+            counts.iter().max()
+        );
+    }
+
+    /// A wall stands on a floor, between the second and the third texel; past its end nothing parts them.
+    #[test]
+    fn walls_part_what_runs_through_below_them() {
+        let corners = |z: [f32; 2]| {
+            let [a, b, c, d] =
+                [(z[0], -1.0), (z[1], -1.0), (z[1], 2.0), (z[0], 2.0)].map(|(z, y)| Vec3::new(2.0, y, z));
+            [[a, b, c], [a, c, d]]
+        };
+        let world = World::of_triangles(corners([-20.0, 0.0]).to_vec());
+        let bvh = Bvh::build(&world, |_| Some(Opacity::Opaque)).expect("builds");
+        let spots: Vec<(Vec3, Vec3)> = [-4.0f32, 8.0]
+            .into_iter()
+            .flat_map(|z| {
+                (0u8..4).map(move |x| (Vec3::new(f32::from(x) + 0.5, 0.0, z) - world.origin, Vec3::Y))
+            })
+            .collect();
+        let mut places = Places::at(&spots, 8.0);
+        places.part(&bvh, 8.0, 1e-4);
+        let lists = near(&places, 3.0);
+        for (i, list) in lists {
+            let [row, x] = [i / 4, i % 4];
+            let all = (4 * row..4 * row + 4).filter(|j| *j != i && i.abs_diff(*j) < 3);
+            let want: Vec<u32> = all.filter(|j| row == 1 || (x < 2) == (j % 4 < 2)).collect();
             assert_eq!(list, want, "of {i}");
         }
     }

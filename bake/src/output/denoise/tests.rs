@@ -12,7 +12,7 @@ fn noise(texel: u32, what: u64) -> f32 {
 }
 
 /// A square of texels with the given truth and standard error at column x and row y, and its places.
-fn square(of: impl Fn(u16, u16) -> (f32, f32)) -> (Places, Part, Vec<f32>) {
+fn square(of: impl Fn(u16, u16) -> (f32, f32)) -> (Places<'static>, Part, Vec<f32>) {
     let at = |i: u32| {
         let side = u32::from(SIDE);
         #[expect(clippy::cast_possible_truncation, reason = "a row and a column")]
