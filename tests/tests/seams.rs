@@ -160,7 +160,7 @@ fn no_seam_shows(what: &str, scene: &[u8], density: &str, least_places: usize) {
     let seams = on.manifest.seams.expect("figures of seams");
     let places = places(&on, 5.0);
     assert!(least_places < places.len(), "{what}: {} places", places.len());
-    for filter in [Filter::Bilinear, Filter::Bicubic] {
+    for (filter, most) in [(Filter::Bilinear, 0.6), (Filter::Bicubic, 1.0)] {
         let (before, _, rms_before) = steps(&off, &places, filter);
         let (after, at, rms_after) = steps(&on, &places, filter);
         let text = format!(
@@ -170,7 +170,7 @@ fn no_seam_shows(what: &str, scene: &[u8], density: &str, least_places: usize) {
         );
         println!("{text}");
         assert!(1.0 < before, "{text}");
-        assert!(after < 1.0, "{text}");
+        assert!(after < most, "{text}");
     }
 }
 

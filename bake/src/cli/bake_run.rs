@@ -9,6 +9,7 @@ use crate::geom::texel::TexelMap;
 use crate::output::denoise::{self, DenoiseStats};
 use crate::output::folder::Staging;
 use crate::output::page::{Page, PageStats};
+use crate::output::scene_glb::PageFile;
 use crate::output::stitch::{self, Sheet};
 use crate::output::{self, assemble, exr, preview, record, scene_glb, texture, view};
 use crate::plan::settings::{Denoise, Probes, Sampling};
@@ -247,9 +248,11 @@ impl Job<'_> {
             let mean = total as f64 / solution.texels.len().max(1) as f64;
             let samples = Samples { total, min, mean, max };
             let (rounds, audit) = (solution.rounds.clone(), solution.audit.clone());
-            let clean = denoise::denoise(self.plan, &map, &solution);
+            let clean = say::watch(self.style, "denoising", 0, &baked.monitor, self.interrupt, || {
+                denoise::denoise(self.plan, &map, &solution, &baked.monitor)
+            })?;
             self.watch.lap("denoise");
-            let (page, filled, gathered) = assemble::page(self.plan, map, solution, clean, directions);
+            let (page, filled, gathered, backs) = assemble::page(self.plan, map, solution, clean, directions);
             let (stats, denoised) = (PageStats::of(&page), DenoiseStats::of(&page));
             baked.figures.push(record::PageFigures {
                 stats,
@@ -262,7 +265,7 @@ impl Job<'_> {
                 directions: None,
             });
             self.watch.lap("write");
-            waiting.push(Sheet { page, gathered, turned });
+            waiting.push(Sheet { page, gathered, backs });
             if !together || number + 1 == atlas.pages.len() {
                 self.finish(&mut baked, &mut waiting)?;
             }
@@ -443,7 +446,10 @@ impl Job<'_> {
     /// Writes the scene and its picture, and says how and from where that was taken.
     fn scene(&mut self, document: &Document, baked: &Baked) -> Result<(f32, Camera), Error> {
         let plan = self.plan;
-        let files: Vec<String> = (0..plan.atlas().pages.len()).map(record::page_file).collect();
+        let textures = plan.settings().texture.is_some();
+        let file =
+            |n| PageFile { exr: record::page_file(n), texture: textures.then(|| record::texture_file(n)) };
+        let files: Vec<PageFile> = (0..plan.atlas().pages.len()).map(file).collect();
         let path = self.staging.path("scene.glb");
         say::findings(&scene_glb::write(&path, document, plan.scene(), plan.atlas(), &files)?, false);
         let kernel = kernel(plan);

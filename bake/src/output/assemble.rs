@@ -19,7 +19,7 @@ const ENCLOSED_RINGS: usize = 2;
 const BATCH: usize = 1 << 16;
 
 /// A page from its solution: every covered texel has its value, hidden ones are filled from their
-/// chart, and charts continue outwards by the plan's padding. Also which texels are not filled but gathered. The
+/// chart, and charts continue outwards by the plan's padding. Also which texels are not filled but gathered, and which show their backs. The
 /// solution's memory is given back while the page's fills. `clean` is what denoising made of the texels, if it was asked for.
 #[must_use]
 pub fn page(
@@ -28,7 +28,7 @@ pub fn page(
     mut solution: Solution,
     mut clean: Option<Vec<Light>>,
     directions: Option<Vec<Direction>>,
-) -> (Page, Filled, Bits) {
+) -> (Page, Filled, Bits, Bits) {
     let mut sheet = Sheet::new(&map);
     if let Some(directions) = directions {
         sheet.page.sh1 = Some(std::array::from_fn(|axis| {
@@ -67,7 +67,8 @@ pub fn page(
     drop(map);
     let (filled, gathered) = sheet.fill();
     dilate::fill_gutter(&mut sheet.page, &sheet.charts, plan.settings().padding);
-    (sheet.page, filled, gathered)
+    sheet.page.limit_directions();
+    (sheet.page, filled, gathered, sheet.backs)
 }
 
 /// The figures that the page of a solution will have, which stays as it is.
@@ -84,13 +85,19 @@ struct Sheet {
     page: Page,
     charts: Vec<u32>,
     validity: Vec<Validity>,
+    backs: Bits,
 }
 
 impl Sheet {
     fn new(map: &TexelMap) -> Self {
         let (width, height) = (map.width as usize, map.height as usize);
         let n = width * height;
-        Self { page: Page::new(width, height), charts: vec![NO_CHART; n], validity: vec![Validity::Valid; n] }
+        Self {
+            page: Page::new(width, height),
+            charts: vec![NO_CHART; n],
+            validity: vec![Validity::Valid; n],
+            backs: Bits::new(n),
+        }
     }
 
     /// Enters the texels of a solution from number `start` on, denoised where `clean` is given.
@@ -102,7 +109,7 @@ impl Sheet {
         clean: Option<&[Light]>,
         start: usize,
     ) {
-        let Self { page, charts, validity } = self;
+        let Self { page, charts, validity, backs } = self;
         for (index, texel) in solution.texels.iter().enumerate().skip(start) {
             let at = map.texels[index] as usize;
             let (value, mut direct, mut indirect) = (texel.value(), texel.direct(), texel.indirect());
@@ -124,12 +131,15 @@ impl Sheet {
             }
             charts[at] = map.triangles_of(index).first().map_or(NO_CHART, |&t| map.chart(plan.atlas(), t));
             validity[at] = texel.validity;
+            if texel.turned() {
+                backs.insert(at);
+            }
         }
     }
 
     /// Gives texels that cannot be seen the light of their chart.
     fn fill(&mut self) -> (Filled, Bits) {
-        let Self { page, charts, validity } = self;
+        let Self { page, charts, validity, .. } = self;
         let validity = std::mem::take(validity);
         let near = near_valid(&validity, charts, page.width, page.height);
         let valid: Vec<bool> = validity

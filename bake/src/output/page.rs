@@ -63,6 +63,24 @@ impl Page {
         [("", &self.radiance)].into_iter().chain(parts).chain(directions)
     }
 
+    /// Shortens directions so that no normal within 60 degrees of a texel's own gives a negative value: s is at most as long as
+    /// `E / pi`, channel by channel. Filters over several texels go beyond that.
+    pub(super) fn limit_directions(&mut self) {
+        let Some([x, y, z]) = &mut self.sh1 else { return };
+        for (((light, x), y), z) in self.radiance.iter().zip(x).zip(y).zip(z) {
+            for c in 0..3 {
+                let length = [x[c], y[c], z[c]].map(f64::from).iter().map(|v| v * v).sum::<f64>().sqrt();
+                if f64::from(light[c]) < length {
+                    for v in [&mut x[c], &mut y[c], &mut z[c]] {
+                        #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the result")]
+                        let shorter = (f64::from(*v) * (f64::from(light[c]) / length)) as f32;
+                        *v = shorter;
+                    }
+                }
+            }
+        }
+    }
+
     /// The same layers in the same order to change, each with whether it may be negative.
     pub(super) fn light_layers_mut(&mut self) -> impl Iterator<Item = (bool, &mut Vec<[f32; 3]>)> {
         let parts = self.direct.iter_mut().chain(&mut self.indirect);

@@ -10,7 +10,8 @@
 //! shading normals there differ by at most `MOST_TURN` degrees. A corner that is meant as one is no seam.
 //!
 //! Edges are cut into pieces of `PIECE` texels, so that their boxes are small, and a tree over those finds the
-//! pairs: about `n log n` for `n` edges. For Sponza (262,087 triangles, 13,605 seams) that is less than unwrapping varies
+//! pairs: about `n log n` for `n` edges. Where copies lie in the same place, an edge is joined to `DEEP` others at most at any of its points, and knows
+//! `NEAR` at most: a chain of seams does what a seam for every pair would. For Sponza (262,087 triangles, 13,605 seams) that is less than unwrapping varies
 //! by from run to run, a tenth of a second. No length is absolute.
 
 #[cfg(test)]
@@ -48,6 +49,12 @@ const PIECE: f64 = 16.0;
 /// Most pieces of an edge.
 const MOST_PIECES: f64 = 4096.0;
 
+/// Most edges that an edge is joined to at one of its points.
+const DEEP: usize = 4;
+
+/// Most edges near a piece that are looked at.
+const NEAR: usize = 1024;
+
 /// Coordinates that differ by less are the same place of the atlas, texels: below what `f32` resolves on a large page.
 const SAME_PLACE: f32 = 1.0 / 512.0;
 
@@ -78,10 +85,6 @@ pub struct Seam {
 pub struct Seams {
     /// Sorted by triangles.
     pub list: Vec<Seam>,
-    /// For each surface the first of its charts, counted over its page as [`TexelMap::chart`] does.
-    ///
-    /// [`TexelMap::chart`]: crate::geom::texel::TexelMap::chart
-    first_chart: Vec<u32>,
     bytes_to_find: usize,
 }
 
@@ -103,7 +106,7 @@ impl Seams {
         // For each piece its owner, box, two lists of clusters, number and two nodes.
         let pieces: usize = edges.iter().map(|e| usize::from(e.pieces)).sum();
         let bytes_to_find = size_of_val(edges.as_slice()) + pieces * (16 + 32 + 2 * 48 + 16 + 2 * 48);
-        Self { list, first_chart: first_charts(atlas), bytes_to_find }
+        Self { list, bytes_to_find }
     }
 
     /// Whether some lead from one page to another.
@@ -125,21 +128,13 @@ impl Seams {
     /// Bytes held.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        size_of_val(self.list.as_slice()) + size_of_val(self.first_chart.as_slice())
+        size_of_val(self.list.as_slice())
     }
 
     /// Bytes that finding needed for a moment.
     #[must_use]
     pub fn bytes_to_find(&self) -> usize {
         self.bytes_to_find
-    }
-
-    /// Chart of a side of a seam, counted over its page.
-    #[must_use]
-    pub fn chart(&self, world: &World, atlas: &Atlas, triangle: u32) -> u32 {
-        let (surface, local) = world.locate(triangle);
-        let Some(p) = &atlas.placements[surface] else { return NO_CHART };
-        self.first_chart[surface] + atlas.layouts[p.layout].charts[local]
     }
 }
 
@@ -231,22 +226,6 @@ fn weights(n: u8, t: f32) -> [f32; 3] {
     w
 }
 
-/// For each surface the first of its charts, counted over its page.
-fn first_charts(atlas: &Atlas) -> Vec<u32> {
-    let mut next = vec![0; atlas.pages.len()];
-    atlas
-        .placements
-        .iter()
-        .map(|placement| {
-            let Some(p) = placement else { return 0 };
-            let first = next[p.page];
-            let most = atlas.layouts[p.layout].charts.iter().filter(|c| **c != NO_CHART).max();
-            next[p.page] += most.map_or(0, |c| c + 1);
-            first
-        })
-        .collect()
-}
-
 /// An edge at a chart's border.
 #[derive(Clone, Copy, Debug)]
 struct Edge {
@@ -257,6 +236,8 @@ struct Edge {
     gap: f32,
     /// Pieces for the tree.
     pieces: u16,
+    /// Boxes are larger by this factor of the gap. It differs from edge to edge: a tree over equal boxes takes as many steps as there are.
+    margin: f32,
 }
 
 /// The borders of all charts, in the order of triangles.
@@ -279,10 +260,24 @@ fn borders(world: &World, atlas: &Atlas) -> Vec<Edge> {
             let gap = (GAP / density).min(PART * length).max(ROUNDING * f64::from(world.radius));
             let pieces = (length * density / PIECE).ceil().clamp(1.0, MOST_PIECES);
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped; a length")]
-            edges.push(Edge { triangle, number, ends, gap: gap as f32, pieces: pieces as u16 });
+            edges.push(Edge {
+                triangle,
+                number,
+                ends,
+                gap: gap as f32,
+                pieces: pieces as u16,
+                margin: margin(edges.len()),
+            });
         }
     }
     edges
+}
+
+/// A factor from 2 to 4 for the edge of a number.
+#[expect(clippy::cast_possible_truncation, reason = "any bits do")]
+fn margin(i: usize) -> f32 {
+    let bits = (i as u32).wrapping_mul(0x9e37_79b9) >> 8;
+    2.0 + 2.0 * bits as f32 / (1 << 24) as f32
 }
 
 /// Edges of a layout that belong to one triangle alone: triangle and number of the edge.
@@ -322,7 +317,7 @@ impl Edge {
         let at = |n: u16| self.ends[0].lerp(self.ends[1], f32::from(n) / f32::from(self.pieces));
         let (a, b) = (Vec3A::from(at(piece)), Vec3A::from(at(piece + 1)));
         // Rounding of the ends is below the gap, which is at least four steps of the largest coordinate.
-        let more = Vec3A::splat(2.0 * self.gap);
+        let more = Vec3A::splat(self.margin * self.gap);
         Aabb { min: a.min(b) - more, max: a.max(b) + more }
     }
 }
@@ -350,6 +345,7 @@ fn pairs(scene: &Scene, world: &World, atlas: &Atlas, edges: &[Edge]) -> Vec<Sea
         .map(|(i, edge)| {
             let mut near: Vec<usize> = Vec::new();
             for piece in 0..edge.pieces {
+                let most = near.len() + NEAR;
                 tree.aabb_traverse(edge.bounds(piece), |tree, node| {
                     let node = &tree.nodes[node as usize];
                     let first = node.first_index as usize;
@@ -358,15 +354,40 @@ fn pairs(scene: &Scene, world: &World, atlas: &Atlas, edges: &[Edge]) -> Vec<Sea
                     near.extend(
                         leaves.iter().map(|&leaf| owners[leaf as usize].0).filter(|&other| i < other),
                     );
-                    true
+                    near.len() < most
                 });
             }
             near.sort_unstable();
             near.dedup();
-            near.iter().filter_map(|&other| context.seam(edge, &edges[other])).collect()
+            let found = near.iter().filter_map(|&other| context.seam(edge, &edges[other])).collect();
+            shallow(found)
         })
         .collect();
     found.into_iter().flatten().collect()
+}
+
+/// Those seams of an edge, the first side of each, that lie over none of its points more than [`DEEP`] times; longer ones come first.
+fn shallow(mut seams: Vec<Seam>) -> Vec<Seam> {
+    if seams.len() <= DEEP {
+        return seams;
+    }
+    let length = |s: &Seam| s.spans[0][1] - s.spans[0][0];
+    // Among copies something arbitrary decides, so that none of them is left out by all others.
+    let mixed = |s: &Seam| {
+        let [a, b] = s.triangles;
+        (a ^ b.rotate_left(16)).wrapping_mul(0x9e37_79b9).rotate_left(16).wrapping_mul(0x85eb_ca6b)
+    };
+    seams.sort_by(|a, b| length(b).total_cmp(&length(a)).then(mixed(a).cmp(&mixed(b))));
+    let mut kept: Vec<Seam> = Vec::new();
+    for seam in seams {
+        let middle = 0.5 * (seam.spans[0][0] + seam.spans[0][1]);
+        let over = |s: &&Seam| s.spans[0][0] <= middle && middle <= s.spans[0][1];
+        if kept.iter().filter(over).count() < DEEP {
+            kept.push(seam);
+        }
+    }
+    kept.sort_by_key(|s| (s.triangles, s.edges));
+    kept
 }
 
 struct Context<'a> {

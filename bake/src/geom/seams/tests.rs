@@ -104,6 +104,21 @@ fn backs_go_on_only_where_there_are_two_sides() {
     assert_eq!(found(&scene).2.list, []);
 }
 
+/// Many copies on both sides of an edge are joined, and not each with each.
+#[test]
+fn copies_are_not_joined_each_with_each() {
+    const COPIES: usize = 400;
+    let places = [vec![Affine3A::IDENTITY; COPIES], vec![at(2.0, 0.0, 0.0); COPIES]].concat();
+    let (world, _, seams) = found(&scene(vec![(bare(quad(2.0, 3.0)), places)]));
+    let mut partners = vec![0; 2 * COPIES];
+    for seam in &seams.list {
+        seam.triangles.iter().for_each(|&t| partners[world.surface(t)] += 1);
+    }
+    assert!(seams.list.len() <= DEEP * 2 * COPIES, "{}", seams.list.len());
+    let lonely = partners.iter().filter(|n| **n == 0).count();
+    assert!(lonely < COPIES / 20, "{lonely} of {COPIES} copies have no seam");
+}
+
 #[test]
 fn a_wall_on_a_seam_closes_it() {
     let wall = Affine3A::from_rotation_translation(Quat::from_rotation_z(-FRAC_PI_2), Vec3::X * 2.0);

@@ -27,8 +27,6 @@ mod bits;
 mod filter;
 mod solve;
 
-use std::collections::BTreeSet;
-
 use rayon::prelude::*;
 use tables::format::manifest;
 
@@ -64,8 +62,8 @@ pub struct Sheet {
     pub page: Page,
     /// Texels whose light was gathered and not filled in.
     pub gathered: Bits,
-    /// Charts that show their backs, counted over the page.
-    pub turned: BTreeSet<u32>,
+    /// Texels that show the backs of their surfaces.
+    pub backs: Bits,
 }
 
 /// What was stitched; sums, so that pages can be joined.
@@ -204,12 +202,6 @@ fn on_seam(plan: &Plan, seam: &Seam, first: usize, sheets: &[Sheet]) -> (f64, Ve
     let (world, bvh, atlas) = (&plan.tracing().world, &plan.tracing().bvh, plan.atlas());
     let sheet = |side| seam.page(world, atlas, side).checked_sub(first).filter(|&s| s < sheets.len());
     let (Some(a), Some(b)) = (sheet(0), sheet(1)) else { return (0.0, Vec::new()) };
-    let turned = [(a, 0), (b, 1)].map(|(sheet, side): (usize, usize)| {
-        sheets[sheet].turned.contains(&plan.seams().chart(world, atlas, seam.triangles[side]))
-    });
-    if (turned[0] == turned[1]) != seam.aligned {
-        return (0.0, Vec::new());
-    }
     let [texels_a, texels_b] = seam.texels(world, atlas);
     let texels = texels_a.max(texels_b);
     let n = seam.n_places(world, atlas);
@@ -223,7 +215,9 @@ fn on_seam(plan: &Plan, seam: &Seam, first: usize, sheets: &[Sheet]) -> (f64, Ve
             let windows = [window(0, a)?, window(1, b)?];
             let place = Place { sheets: [a, b], windows, weight: texels / f32::from(n) };
             let seen = [0, 1].iter().all(|&side| place.is_seen(sheets, side));
-            (seen && seam.is_open(world, atlas, bvh, t, turned)).then_some(place)
+            let turned = [0, 1].map(|side| place.is_turned(sheets, side));
+            let goes_on = (turned[0] == turned[1]) == seam.aligned;
+            (seen && goes_on && seam.is_open(world, atlas, bvh, t, turned)).then_some(place)
         })
         .collect();
     let part = list.len() as f64 / f64::from(n);
@@ -247,6 +241,18 @@ impl Place {
             }
         });
         0.0 < covered && SEEN * covered <= gathered
+    }
+
+    /// Whether most of what is read on one side shows the back of its surface.
+    fn is_turned(&self, sheets: &[Sheet], side: usize) -> bool {
+        let sheet = &sheets[self.sheets[side]];
+        let mut backs = 0.0;
+        self.read(sheets, side, self.windows[side].bilinear(), |i, w| {
+            if 0.0 < sheet.page.coverage[i] {
+                backs += if sheet.backs.contains(i) { w } else { -w };
+            }
+        });
+        0.0 < backs
     }
 
     /// Mean squared standard error of luminance of the chart's texels in the window on one side.
@@ -348,6 +354,7 @@ fn join(places: &[Place], sheets: &mut [Sheet]) -> Figures {
             }
         }
     }
+    sheets.iter_mut().for_each(|sheet| sheet.page.limit_directions());
     figures.after = steps(places, &around, sheets);
     figures.light = before;
     figures.change = light(sheets) - before;
@@ -521,7 +528,8 @@ mod tests {
             (page.coverage[i], page.std_err[i]) = (1.0, [std_err; 3]);
         }
         let gathered = Bits::of(page.n_texels(), |i| i % 12 < 6);
-        Sheet { page, gathered, turned: BTreeSet::new() }
+        let backs = Bits::new(page.n_texels());
+        Sheet { page, gathered, backs }
     }
 
     /// Places along the borders of two such pages; rows of the second are a quarter of a texel off.
