@@ -44,13 +44,22 @@ fn program(names: &[&str]) -> Option<PathBuf> {
 
 /// npm, or `None`, which prints that `test` is skipped.
 #[must_use]
-#[expect(clippy::print_stdout, reason = "a skipped test says so")]
 pub fn npm(test: &str) -> Option<PathBuf> {
     let found = program(&["npm"]);
     if found.is_none() {
-        println!("skipped: {test}: npm is not installed");
+        skip(test, "npm is not installed");
     }
     found
+}
+
+/// Says that `test` is skipped.
+///
+/// # Panics
+/// Where the environment says that browsers are to be tested (`REQUIRE_BROWSER=1`).
+#[expect(clippy::print_stdout, reason = "a skipped test says so")]
+pub fn skip(test: &str, why: &str) {
+    assert!(env::var_os("REQUIRE_BROWSER").is_none(), "{test}: {why}");
+    println!("skipped: {test}: {why}");
 }
 
 /// A page in a browser of its own.
@@ -71,11 +80,10 @@ impl Page {
     /// # Panics
     /// If it is there but cannot be spoken to.
     #[must_use]
-    #[expect(clippy::print_stdout, reason = "a skipped test says so")]
     pub fn open(test: &str, width: u32, height: u32) -> Option<Self> {
         let found = program(&["chromium", "chromium-browser", "google-chrome"]).filter(|_| cfg!(unix));
         let Some(program) = found else {
-            println!("skipped: {test}: Chromium is not installed");
+            skip(test, "Chromium is not installed");
             return None;
         };
         let profile = tempfile::tempdir().expect("a temporary folder");

@@ -33,6 +33,10 @@ pub struct Material {
     pub double_sided: bool,
     /// Fraction that passes straight through.
     pub transmission: f32,
+    /// Red is a factor of that.
+    pub transmission_texture: Option<Id>,
+    /// Whether the alpha of the base colour is coverage (`alphaMode: BLEND`).
+    pub blend: bool,
 }
 
 impl Material {
@@ -48,6 +52,8 @@ impl Material {
             mask: None,
             double_sided: false,
             transmission: 0.0,
+            transmission_texture: None,
+            blend: false,
         }
     }
 
@@ -275,6 +281,9 @@ impl Glb {
             out["alphaMode"] = json!("MASK");
             out["alphaCutoff"] = num(cutoff);
         }
+        if m.blend {
+            out["alphaMode"] = json!("BLEND");
+        }
         if m.double_sided {
             out["doubleSided"] = json!(true);
         }
@@ -282,6 +291,10 @@ impl Glb {
             self.uses("KHR_materials_transmission");
             out["extensions"]["KHR_materials_transmission"] =
                 json!({"transmissionFactor": num(m.transmission)});
+            if let Some(index) = m.transmission_texture {
+                out["extensions"]["KHR_materials_transmission"]["transmissionTexture"] =
+                    json!({"index": index});
+            }
         }
         self.materials.push(out);
         self.materials.len() - 1

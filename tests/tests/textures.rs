@@ -115,13 +115,15 @@ fn textures_hold_the_light_of_the_exr() {
 }
 
 #[test]
-fn pages_need_not_be_multiples_of_four() {
-    // A square of 26 texels and its gutter, on a page that would have 32 if it could.
-    let args = ["--samples", "8", "--texels-per-metre", "6.5", "--max-size", "31"];
-    let baked = tool::baked(&open::under_point(1.0, [100.0, 80.0, 30.0]), &args);
-    let page = &baked.manifest.pages[0];
-    assert!(!page.width.is_multiple_of(4) && !page.height.is_multiple_of(4), "{page:?}");
-    assert!(checked(&baked).iter().all(|r| *r < 0.1));
+fn pages_are_multiples_of_four() {
+    // A square of 26 texels and its gutter would just fit; cards want whole blocks.
+    for texels in [["--texels-per-metre", "6.5"], ["--quality", "draft"]] {
+        let args = [&["--samples", "8", "--max-size", "31"][..], &texels].concat();
+        let baked = tool::baked(&open::under_point(1.0, [100.0, 80.0, 30.0]), &args);
+        let page = &baked.manifest.pages[0];
+        assert_eq!((page.width, page.height), (28, 28), "{page:?}");
+        assert!(checked(&baked).iter().all(|r| *r < 0.1));
+    }
 }
 
 #[test]
@@ -173,6 +175,9 @@ fn bytes_do_not_depend_on_threads_and_none_means_none() {
     assert!(!none.files.keys().any(|name| name.ends_with(".ktx2")), "{:?}", none.files.keys());
     assert!(none.manifest.pages.iter().all(|p| p.texture.is_none() && p.texture_figures.is_none()));
     assert_eq!(none.manifest.settings["texture"], "none");
+    let glb = &none.files["scene.glb"];
+    let named = |word: &[u8]| glb.windows(word.len()).any(|w| w == word);
+    assert!(!named(b".ktx2") && !named(b"MOZ_lightmap") && named(b"lightmap-0.exr"));
     // The command line stands above the configuration.
     assert!(bake("2", &["--texture", "bc6h"]).files.contains_key("lightmap-0.ktx2"));
     config("bc7");

@@ -89,7 +89,7 @@ pub(crate) struct SettingsArgs {
     /// Density; without it the scene fills one page of the preset's size
     #[arg(long, value_name = "X", allow_negative_numbers = true)]
     pub(crate) texels_per_metre: Option<f32>,
-    /// Greatest side of a page [default: 4096]
+    /// Greatest side of a page; pages are multiples of 4 [default: 4096]
     #[arg(long, value_name = "PX")]
     pub(crate) max_size: Option<u32>,
     /// What happens to second UV sets of the file [default: auto]

@@ -4,7 +4,7 @@
 //!
 //! - Materials have the draft extension `MOZ_lightmap`: `index` of a texture, `texCoord` 1,
 //!   `intensity` 1. The texture's image is the page as KTX 2 beside the file. A material on several
-//!   pages is repeated.
+//!   pages is repeated. Without such files there is no such extension.
 //! - Nodes have a list `extras.lightmap` with an entry for each primitive that has texels: `primitive`,
 //!   `page`, `file`, `texture`, `rect` in texels, `uv_rect` in [0, 1], and `unit`. `TEXCOORD_1` is final, so
 //!   rectangles are for information alone.
@@ -18,28 +18,40 @@ use serde_json::{Map, Value, json};
 use tables::format::manifest::{Rect, UNIT};
 
 use super::glb::{self, index, items};
+use crate::error::Finding;
 use crate::geom::atlas::{Atlas, Placement};
 
 /// The extension of materials.
 pub(super) const EXTENSION: &str = "MOZ_lightmap";
 
-/// Name of the texture file of the page in `file`.
-fn texture_file(file: &str) -> String {
-    format!("{}.ktx2", file.strip_suffix(".exr").unwrap_or(file))
+/// File names of a page.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PageFile {
+    /// The page as EXR.
+    pub exr: String,
+    /// The page as engines take it; `None` where there is none.
+    pub texture: Option<String>,
 }
 
 /// What a primitive says of its place: page and files.
-pub(super) fn page(placement: &Placement, page_files: &[String]) -> Value {
+pub(super) fn page(placement: &Placement, page_files: &[PageFile]) -> Value {
     let mut page = json!({ "page": placement.page });
     if let Some(file) = page_files.get(placement.page) {
-        page["file"] = json!(file);
-        page["texture"] = json!(texture_file(file));
+        page["file"] = json!(file.exr);
+        if let Some(texture) = &file.texture {
+            page["texture"] = json!(texture);
+        }
     }
     page
 }
 
 /// What a node says of the place of one of its primitives.
-pub(super) fn place(atlas: &Atlas, primitive: usize, placement: &Placement, page_files: &[String]) -> Value {
+pub(super) fn place(
+    atlas: &Atlas,
+    primitive: usize,
+    placement: &Placement,
+    page_files: &[PageFile],
+) -> Value {
     let size = atlas.pages[placement.page];
     let ([x, y], [width, height]) = (placement.min, placement.size);
     let rect = Rect { x, y, width, height };
@@ -53,11 +65,19 @@ pub(super) fn place(atlas: &Atlas, primitive: usize, placement: &Placement, page
     place
 }
 
-/// Sets `extras.lightmap` of a node or primitive. Extras that are no object stay as they are.
-pub(super) fn set_extras(owner: &mut Map<String, Value>, lightmap: Value) {
+/// Sets `extras.lightmap` of a node or primitive at `path`. Extras that are no object stay as they are, which is a finding.
+pub(super) fn set_extras(
+    owner: &mut Map<String, Value>,
+    lightmap: Value,
+    path: &str,
+    findings: &mut Vec<Finding>,
+) {
     let extras = owner.entry("extras").or_insert_with(|| json!({}));
     if let Some(extras) = extras.as_object_mut() {
         extras.insert("lightmap".to_owned(), lightmap);
+    } else {
+        let what = "is no object, so it cannot name its lightmap, and pages and engines that look there will miss it";
+        findings.push(Finding::warning(format!("{path}.extras"), what, "make it an object, or remove it"));
     }
 }
 
@@ -66,10 +86,10 @@ pub(super) fn set_extras(owner: &mut Map<String, Value>, lightmap: Value) {
 pub(super) fn textures(
     json: &mut Value,
     pages: &BTreeSet<usize>,
-    page_files: &[String],
+    page_files: &[PageFile],
 ) -> BTreeMap<usize, usize> {
     let files: Vec<(usize, &String)> =
-        pages.iter().filter_map(|&p| page_files.get(p).map(|f| (p, f))).collect();
+        pages.iter().filter_map(|&p| Some((p, page_files.get(p)?.texture.as_ref()?))).collect();
     if files.is_empty() {
         return BTreeMap::new();
     }
@@ -77,8 +97,7 @@ pub(super) fn textures(
     let sampler = push_new(json, "samplers", sampler);
     let mut places = BTreeMap::new();
     for (page, file) in files {
-        let file = texture_file(file);
-        let name = file.strip_suffix(".ktx2").unwrap_or(&file).to_owned();
+        let name = file.strip_suffix(".ktx2").unwrap_or(file);
         let image = push(json, "images", json!({ "name": name, "uri": file }));
         places.insert(
             page,
@@ -114,8 +133,16 @@ pub(super) fn strip(json: &mut Value) {
     }
     glb::remove_names(json, "extensionsUsed", |name| name == EXTENSION);
     glb::remove_names(json, "extensionsRequired", |name| name == EXTENSION);
-    for material in items(json, "materials") {
-        visit_textures(material, &mut |i| {
+    // Whatever else may use one of them, extensions that nobody here knows included.
+    for key in ["materials", "nodes", "meshes", "scenes"] {
+        for user in items(json, key) {
+            visit_keys(user, "index", &mut |i| {
+                textures.remove(&i);
+            });
+        }
+    }
+    if let Some(extensions) = json.get("extensions") {
+        visit_keys(extensions, "index", &mut |i| {
             textures.remove(&i);
         });
     }
@@ -127,7 +154,9 @@ pub(super) fn strip(json: &mut Value) {
         pop(json, "textures");
     }
     for texture in items(json, "textures") {
-        index(&texture["source"]).map(|i| images.remove(&i));
+        visit_keys(texture, "source", &mut |i| {
+            images.remove(&i);
+        });
     }
     while last(json, "images").is_some_and(|(i, _)| images.remove(&i)) {
         pop(json, "images");
@@ -151,14 +180,14 @@ fn strip_extras(owner: &mut Value) {
     }
 }
 
-/// Calls `visit` with the index of every texture that a material uses.
-fn visit_textures(material: &Value, visit: &mut dyn FnMut(usize)) {
-    match material {
+/// Calls `visit` with every index that stands under `name`, at any depth.
+fn visit_keys(json: &Value, name: &str, visit: &mut dyn FnMut(usize)) {
+    match json {
         Value::Object(object) => {
-            object.get("index").and_then(index).into_iter().for_each(&mut *visit);
-            object.iter().filter(|(key, _)| *key != "extras").for_each(|(_, v)| visit_textures(v, visit));
+            object.get(name).and_then(index).into_iter().for_each(&mut *visit);
+            object.iter().filter(|(key, _)| *key != "extras").for_each(|(_, v)| visit_keys(v, name, visit));
         }
-        Value::Array(values) => values.iter().for_each(|v| visit_textures(v, visit)),
+        Value::Array(values) => values.iter().for_each(|v| visit_keys(v, name, visit)),
         _ => {}
     }
 }

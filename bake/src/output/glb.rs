@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value, json};
 
 use crate::{
-    error::{Error, Finding, Result},
+    error::{Error, Finding, Result, Severity},
     scene::{
         accessor::{AccessorData, Kind},
         document::Document,
@@ -124,7 +124,8 @@ pub(super) fn pack(
     });
     for (i, image) in items(&mut json, "images").take(n_images).enumerate() {
         if let Err(finding) = bin.image(document, i, image) {
-            findings.push(finding);
+            // Whether it matters was said when the scene was read.
+            findings.push(Finding { severity: finding.severity.min(Severity::Warning), ..finding });
         }
     }
     drop_foreign_views(&mut json, &mut findings);
@@ -151,7 +152,7 @@ pub(super) fn set_array(json: &mut Value, key: &str, values: Vec<Value>) {
     }
 }
 
-/// Removes extensions that refer to buffer views themselves: the views have been laid out anew, and
+/// Removes extensions that refer to buffer views or accessors themselves: these have been laid out anew, and
 /// only the extension's own reader would know which numbers to change.
 fn drop_foreign_views(json: &mut Value, findings: &mut Vec<Finding>) {
     let mut dropped = Vec::new();
@@ -162,7 +163,7 @@ fn drop_foreign_views(json: &mut Value, findings: &mut Vec<Finding>) {
     for (path, name) in &dropped {
         findings.push(Finding::warning(
             path.clone(),
-            format!("{name} refers to buffer views, which this tool does not follow, so scene.glb lacks it"),
+            format!("{name} may refer to buffer views or accessors, which this tool does not follow, so scene.glb lacks it"),
             "add it to scene.glb with the tool that made it",
         ));
     }
@@ -190,8 +191,12 @@ fn strip(json: &mut Value, path: &mut String, dropped: &mut Vec<(String, String)
         }
         Value::Object(object) => {
             if let Some(extensions) = object.get_mut("extensions").and_then(Value::as_object_mut) {
-                let foreign = extensions.iter().filter(|(_, value)| mentions_view(value));
-                let names: Vec<String> = foreign.map(|(name, _)| name.clone()).collect();
+                let primitive = path.contains(".primitives[") && path.ends_with(']');
+                let foreign = |name: &str, value: &Value| {
+                    mentions_view(value) || name == METADATA || primitive && !OF_PRIMITIVES.contains(&name)
+                };
+                let names: Vec<String> =
+                    extensions.iter().filter(|(n, v)| foreign(n, v)).map(|(n, _)| n.clone()).collect();
                 for name in names {
                     extensions.shift_remove(&name);
                     dropped.push((
@@ -216,11 +221,17 @@ fn strip(json: &mut Value, path: &mut String, dropped: &mut Vec<(String, String)
     }
 }
 
+/// Extensions of primitives that survive other accessors and vertices; any other is taken to speak of these.
+const OF_PRIMITIVES: [&str; 2] = ["KHR_materials_variants", "EXT_mesh_features"];
+
+/// Its tables name buffer views by `values`.
+const METADATA: &str = "EXT_structural_metadata";
+
 fn mentions_view(json: &Value) -> bool {
     match json {
         Value::Array(values) => values.iter().any(mentions_view),
         Value::Object(object) => {
-            object.get("bufferView").is_some_and(Value::is_u64)
+            ["bufferView", "accessor"].iter().any(|k| object.get(*k).is_some_and(Value::is_u64))
                 || object.iter().any(|(key, value)| key != "extras" && mentions_view(value))
         }
         _ => false,

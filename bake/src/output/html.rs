@@ -19,12 +19,12 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use tables::format::manifest::{self, Manifest, Projection};
 
-use super::{exr, folder, ktx};
+use super::{exr, folder, glb, ktx, record::METALS_BLACK};
 use crate::error::{Error, Result, Severity};
-use crate::scene::config::Config;
+use crate::scene::config::{Config, SceneWords};
 use crate::scene::document::Document;
 use crate::scene::gltf::{self, LoadOptions};
-use crate::scene::model::{AlphaMode, Image, Material, Mesh, Scene, Surface, TextureRef, Wrap};
+use crate::scene::model::{AlphaMode, Image, Mesh, Scene, Surface, TextureRef, Wrap};
 
 /// Greatest value that a page has after scaling, well inside what RGB9E5 holds.
 const BRIGHTEST: i32 = 15;
@@ -84,6 +84,8 @@ struct Draw {
     #[serde(skip_serializing_if = "Option::is_none")]
     glow_uv: Option<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    pass_uv: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     tint: Option<usize>,
     indices: usize,
     count: usize,
@@ -99,8 +101,11 @@ struct Draw {
     glow_map: Option<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
     cutoff: Option<f32>,
-    /// Part of the light that does not pass straight through.
-    cover: f32,
+    /// Part of the light that passes straight through, coloured by `base`.
+    pass: f32,
+    /// A factor of it, in the red channel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pass_map: Option<usize>,
     /// Whether alpha counts as well.
     blend: bool,
     double_sided: bool,
@@ -113,8 +118,11 @@ struct Draw {
 /// damaged.
 pub fn build(folder: &Path) -> Result<String> {
     let manifest = open(folder)?;
-    let document = Document::open(&folder::resolve(folder, "scene.glb"))?;
-    let (scene, findings) = gltf::load(&document, &Config::default(), &LoadOptions::default());
+    let mut document = Document::open(&folder::resolve(folder, "scene.glb"))?;
+    forget_words(&mut document.json);
+    let metals_black = manifest.settings.get(METALS_BLACK).and_then(Value::as_bool);
+    let config = Config { scene: SceneWords { metals_black, ..SceneWords::default() }, ..Config::default() };
+    let (scene, findings) = gltf::load(&document, &config, &LoadOptions::default());
     let errors: Vec<_> = findings.into_iter().filter(|f| f.severity == Severity::Error).collect();
     if !errors.is_empty() {
         return Err(Error::Input(errors));
@@ -149,6 +157,18 @@ pub fn build(folder: &Path) -> Result<String> {
     ]))
 }
 
+/// Removes words that a page has no use for: files that they name are not in the folder.
+fn forget_words(json: &mut Value) {
+    for scene in glb::items(json, "scenes") {
+        scene.as_object_mut().map(|scene| scene.shift_remove("extras"));
+    }
+    for node in glb::items(json, "nodes") {
+        if let Some(extras) = node.get_mut("extras").and_then(Value::as_object_mut) {
+            extras.retain(|key, _| !key.starts_with("medium") && key != "probes");
+        }
+    }
+}
+
 fn open(folder: &Path) -> Result<Manifest> {
     if !folder::resolve(folder, manifest::FILE_NAME).is_file() {
         return Err(Error::Usage(format!(
@@ -164,7 +184,8 @@ fn open(folder: &Path) -> Result<Manifest> {
 #[must_use]
 pub fn name(folder: &Path) -> String {
     let full = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
-    full.file_stem().map_or_else(|| "bake".to_owned(), |s| s.to_string_lossy().into_owned())
+    let name = full.file_name().map_or_else(|| "bake".into(), |s| s.to_string_lossy());
+    name.strip_suffix(".bake").filter(|n| !n.is_empty()).unwrap_or(&name).to_owned()
 }
 
 fn shaders() -> Value {
@@ -265,7 +286,7 @@ fn camera(manifest: &Manifest, scene: &Scene, middle: DVec3, radius: f32) -> Cam
     };
     let m = Mat4::from_cols_array_2d(&world_from_camera);
     let (eye, forward) = (m.w_axis.truncate(), -m.z_axis.truncate().normalize_or(Vec3::Z));
-    let focus = nearest(scene, middle, eye, forward).unwrap_or(radius).clamp(0.01 * radius, 2.0 * radius);
+    let focus = nearest(scene, middle, eye, forward).unwrap_or(radius).clamp(1e-5 * radius, 2.0 * radius);
     Camera { world_from_camera, projection, focus }
 }
 
@@ -387,6 +408,7 @@ impl<'a> Packer<'a> {
         let page = self.page(mesh).filter(|_| mesh.uvs.get(1).is_some_and(|uvs| !uvs.is_empty()));
         let base = material.base_color_texture.as_ref();
         let glow = material.emission_texture.as_ref().filter(|_| material.emission != Vec3::ZERO);
+        let pass = material.transmission_texture.as_ref().filter(|_| 0.0 < material.transmission);
         let wide = usize::from(u16::MAX) <= mesh.positions.len();
         Some(Draw {
             world_from_mesh: Mat4::from(world).to_cols_array(),
@@ -394,6 +416,7 @@ impl<'a> Packer<'a> {
             light_uv: page.map(|_| self.vertices.floats(mesh.uvs[1].iter().flat_map(Vec2::to_array))),
             base_uv: base.and_then(|t| self.coordinates(mesh, t)),
             glow_uv: glow.and_then(|t| self.coordinates(mesh, t)),
+            pass_uv: pass.and_then(|t| self.coordinates(mesh, t)),
             tint: (!mesh.colors.is_empty()).then(|| self.tint(mesh)),
             indices: self.triangles(mesh, mirrored, wide),
             count: 3 * mesh.triangles.len(),
@@ -407,7 +430,8 @@ impl<'a> Packer<'a> {
                 AlphaMode::Mask(cutoff) => Some(cutoff),
                 _ => None,
             },
-            cover: cover(material),
+            pass: material.transmission.clamp(0.0, 1.0),
+            pass_map: pass.and_then(|t| self.texture(t)),
             blend: material.alpha_mode == AlphaMode::Blend,
             double_sided: material.double_sided,
         })
@@ -482,11 +506,6 @@ impl<'a> Packer<'a> {
         image::write_buffer_with_format(&mut png, pixels, image.width, image.height, color, format).ok()?;
         Some((png.into_inner(), "image/png"))
     }
-}
-
-/// Part of the light that a material does not let straight through.
-fn cover(material: &Material) -> f32 {
-    1.0 - material.transmission.clamp(0.0, 1.0)
 }
 
 #[cfg(test)]

@@ -73,6 +73,7 @@ pub fn manifest(plan: &Plan, inputs: &[InputFile], pages: &[PageFigures], gate: 
     m.seed = plan.settings().seed;
     m.inputs = inputs.iter().map(input).collect();
     m.settings = plan.settings().to_map();
+    m.settings.insert(METALS_BLACK.to_owned(), plan.scene().metals_black.into());
     m.pages = pages.iter().enumerate().map(|(i, p)| page(plan, i, p)).collect();
     m.surfaces = surfaces(plan);
     m.lights = lights(plan);
@@ -118,6 +119,9 @@ pub fn camera(camera: &Camera) -> manifest::Camera {
         },
     }
 }
+
+/// Name among the manifest's settings of whether metals have no albedo, which the scene's words say.
+pub const METALS_BLACK: &str = "metals_black";
 
 fn page(plan: &Plan, number: usize, figures: &PageFigures) -> manifest::Page {
     let size = plan.atlas().pages[number];
@@ -187,13 +191,19 @@ fn lights(plan: &Plan) -> Vec<manifest::Light> {
     let mut list: Vec<manifest::Light> = scene
         .lights
         .iter()
-        .map(|l| manifest::Light { path: l.path.clone(), kind: kind(&l.kind).to_owned(), mode: mode(l.mode) })
+        .map(|l| manifest::Light {
+            path: l.path.clone(),
+            node: l.node,
+            kind: kind(&l.kind).to_owned(),
+            mode: mode(l.mode),
+        })
         .collect();
     for s in &scene.surfaces {
         let m = &scene.materials[s.material];
         if 0.0 < m.emission.max_element() && s.casts_shadow && !m.unlit {
             list.push(manifest::Light {
                 path: s.path.clone(),
+                node: Some(s.node),
                 kind: "emissive".to_owned(),
                 mode: manifest::LightMode::Baked,
             });

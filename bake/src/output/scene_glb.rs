@@ -13,6 +13,7 @@ use std::{
 
 use serde_json::{Map, Value, json};
 
+pub use super::attach::PageFile;
 use super::{
     attach,
     glb::{self, NewAccessor, component_size, index, items},
@@ -40,7 +41,7 @@ pub fn write(
     document: &Document,
     scene: &Scene,
     atlas: &Atlas,
-    page_files: &[String],
+    page_files: &[PageFile],
 ) -> Result<Vec<Finding>> {
     let (bytes, findings) = build(document, scene, atlas, page_files)?;
     std::fs::write(path, bytes).map_err(Error::io(path, "cannot write"))?;
@@ -49,7 +50,7 @@ pub fn write(
 
 /// The bytes of `scene.glb`, and findings about what could not be taken over.
 ///
-/// `scene` and `atlas` have to come from `document`; `page_files[n]` is the file name of page n.
+/// `scene` and `atlas` have to come from `document`; `page_files[n]` has the file names of page n.
 ///
 /// # Errors
 /// [`Error::Input`] if an accessor is broken or does not fit its layout, [`Error::Usage`] if the
@@ -58,7 +59,7 @@ pub fn build(
     document: &Document,
     scene: &Scene,
     atlas: &Atlas,
-    page_files: &[String],
+    page_files: &[PageFile],
 ) -> Result<(Vec<u8>, Vec<Finding>)> {
     let mut writer = Writer {
         document,
@@ -70,6 +71,7 @@ pub fn build(
         indices: BTreeMap::new(),
         coordinates: BTreeMap::new(),
         written: BTreeMap::new(),
+        findings: Vec::new(),
     };
     let mut json = document.json.clone();
     attach::strip(&mut json);
@@ -78,16 +80,18 @@ pub fn build(
     let users = users(document, scene, atlas);
     let meshes = writer.meshes(&mut json, &users, scene.bounds.iter().map(|(_, mesh)| *mesh))?;
     point_nodes(document, &mut json, &users, &meshes)?;
-    for (node, words) in node_words(document, &json, atlas, &users, page_files) {
-        if let Some(node) = json["nodes"][node].as_object_mut() {
-            attach::set_extras(node, words);
+    for (i, words) in node_words(document, &json, atlas, &users, page_files) {
+        if let Some(node) = json["nodes"][i].as_object_mut() {
+            attach::set_extras(node, words, &format!("nodes[{i}]"), &mut writer.findings);
         }
     }
     let pages = writer.written.values().map(|w| w.page).collect();
     let textures = attach::textures(&mut json, &pages, page_files);
     patch_materials(&mut json, &writer.written, &textures);
     clean_extensions(&mut json);
-    glb::pack(document, json, &writer.added, n_images)
+    let (bytes, more) = glb::pack(document, json, &writer.added, n_images)?;
+    writer.findings.extend(more);
+    Ok((bytes, writer.findings))
 }
 
 /// Where one primitive of a node lies.
@@ -139,7 +143,7 @@ struct Written {
 struct Writer<'a> {
     document: &'a Document,
     atlas: &'a Atlas,
-    page_files: &'a [String],
+    page_files: &'a [PageFile],
     n_old: usize,
     added: Vec<NewAccessor>,
     /// (source accessor, layout) to the accessor with the layout's vertices.
@@ -150,6 +154,7 @@ struct Writer<'a> {
     coordinates: BTreeMap<(usize, usize, [u32; 4]), usize>,
     /// By mesh and number of the primitive.
     written: BTreeMap<(usize, usize), Written>,
+    findings: Vec<Finding>,
 }
 
 impl Writer<'_> {
@@ -246,7 +251,7 @@ impl Writer<'_> {
         }
         // Strips and fans have become lists.
         object.shift_remove("mode");
-        attach::set_extras(object, attach::page(placement, self.page_files));
+        attach::set_extras(object, attach::page(placement, self.page_files), path, &mut self.findings);
         Ok(moved)
     }
 
@@ -427,7 +432,7 @@ fn node_words(
     json: &Value,
     atlas: &Atlas,
     users: &[User<'_>],
-    page_files: &[String],
+    page_files: &[PageFile],
 ) -> Vec<(usize, Value)> {
     let children = |json: &Value, node: usize| json["nodes"][node]["children"].as_array().cloned();
     let node = |user: &User<'_>| match user.instance {

@@ -63,6 +63,27 @@ impl Maker {
     }
 }
 
+/// What an earlier bake seems to have attached stays where something else uses it.
+#[test]
+fn textures_that_others_use_stay() {
+    let mut json = json!({
+        "images": [{ "uri": "a.webp" }, { "uri": "lightmap-0.ktx2" }],
+        "textures": [
+            { "extensions": { "EXT_texture_webp": { "source": 0 } } },
+            { "source": 0 },
+            { "source": 1 }
+        ],
+        "materials": [
+            { "extensions": { "MOZ_lightmap": { "index": 1 } } },
+            { "extensions": { "MOZ_lightmap": { "index": 2 } } }
+        ],
+        "nodes": [{ "extensions": { "MX_lightmap": { "index": 1 } } }]
+    });
+    attach::strip(&mut json);
+    assert_eq!(json["images"], json!([{ "uri": "a.webp" }]), "{json:#}");
+    assert_eq!(json["textures"].as_array().map(Vec::len), Some(2), "{json:#}");
+}
+
 /// A mesh that only bounds something is hidden, also where a surface shows it too, and found again by the next bake.
 #[test]
 fn meshes_that_bound_are_not_shown() {
@@ -152,12 +173,16 @@ fn bake(document: Document, unwrap: Unwrap) -> Baked {
 fn bake_with(document: Document, options: &AtlasOptions) -> Baked {
     let scene = load(&document);
     let (atlas, _) = atlas::build(&scene, options, &|_, _| true).expect("an atlas");
-    let files: Vec<String> = (0..atlas.pages.len()).map(|i| format!("lightmap-{i}.exr")).collect();
+    let files: Vec<PageFile> = (0..atlas.pages.len()).map(page_file).collect();
     let (bytes, findings) = build(&document, &scene, &atlas, &files).expect("a file");
     assert!(findings.is_empty(), "{findings:?}");
     let again = Document::from_bytes("scene.glb", &bytes, None).expect("readable");
     let scene_again = load(&again);
     Baked { document, scene, atlas, bytes, again, scene_again }
+}
+
+fn page_file(page: usize) -> PageFile {
+    PageFile { exr: format!("lightmap-{page}.exr"), texture: Some(format!("lightmap-{page}.ktx2")) }
 }
 
 /// Every surface is there again, in its place, with the same triangles, and the placed ones have
@@ -387,15 +412,26 @@ fn extensions_with_views_of_their_own_are_named() {
         "scenes": [{ "nodes": [0] }], "nodes": [{ "mesh": 0 }], "meshes": [{}],
         "extensionsUsed": ["KHR_audio"]
     }));
-    let primitive = cube(&mut maker);
+    let mut primitive = cube(&mut maker);
+    primitive["extensions"] =
+        json!({ "EXT_mesh_manifold": { "manifoldPrimitive": { "indices": 2, "mode": 4 } } });
     maker.json["meshes"][0] = json!({ "primitives": [primitive] });
-    maker.json["extensions"] = json!({ "KHR_audio": { "audio": [{ "bufferView": 0 }] } });
+    maker.json["extensions"] = json!({
+        "KHR_audio": { "audio": [{ "bufferView": 0 }] },
+        "EXT_structural_metadata": { "propertyTables": [{ "count": 1, "properties": { "a": { "values": 3 } } }] }
+    });
     let document = maker.finish();
     let (bytes, findings) = build(&document, &Scene::default(), &Atlas::default(), &[]).expect("a file");
-    assert_eq!(findings.len(), 1);
-    assert!(findings[0].path == "extensions.KHR_audio", "{findings:?}");
+    let places: BTreeSet<&str> = findings.iter().map(|f| f.path.as_str()).collect();
+    let due = [
+        "extensions.EXT_structural_metadata",
+        "extensions.KHR_audio",
+        "meshes[0].primitives[0].extensions.EXT_mesh_manifold",
+    ];
+    assert_eq!(places, BTreeSet::from(due), "{findings:?}");
     let again = Document::from_bytes("scene.glb", &bytes, None).expect("readable");
     assert!(again.json.get("extensions").is_none() && again.json.get("extensionsUsed").is_none());
+    assert!(again.json["meshes"][0]["primitives"][0].get("extensions").is_none());
 }
 
 /// A document with a material of its own kind on each of three cubes: two that share one and lie on

@@ -3,8 +3,8 @@
 //! Row 0 is the top, as in the EXR (`KTXorientation` is `rd`); linear Rec. 709; nits (of `E / pi`); one mip level, because those above it would mix charts. Blocks
 //! are packed with Zstandard. Two formats:
 //!
-//! - `bc6h`: unsigned BC6H, a byte a texel before packing. Page sizes need not be multiples of 4: the blocks at the right and lower edges continue the last
-//!   column and row. Texels that lie beyond the gutter, black in the EXR, hold whatever makes their block better, and blocks without others are black.
+//! - `bc6h`: unsigned BC6H, a byte a texel before packing. The pages of a bake are multiples of 4, which WebGPU and Direct3D want; of other sizes the blocks at the right and
+//!   lower edges continue the last column and row. Texels that lie beyond the gutter, black in the EXR, hold whatever makes their block better, and blocks without others are black.
 //! - `rgba16f`: half floats, bit for bit those of the EXR rounded to nearest; `A` is coverage.
 //!
 //! Values beyond 65504 become 65504, NaN becomes 0, and in `bc6h` so does what is below 0; all are counted. Several maps of one page, such as those of spherical

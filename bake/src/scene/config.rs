@@ -362,7 +362,7 @@ fn lamp(value: &Value, path: &str, out: &mut Findings) -> Option<Light> {
         },
         _ => LightKind::Point { position, intensity: strength, range },
     };
-    Some(Light { path: name.unwrap_or_else(|| path.to_owned()), mode, kind })
+    Some(Light { path: name.unwrap_or_else(|| path.to_owned()), node: None, mode, kind })
 }
 
 impl RunConfig {

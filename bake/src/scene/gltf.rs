@@ -64,6 +64,7 @@ pub fn load(doc: &Document, config: &Config, options: &LoadOptions) -> (Scene, V
             options.sky.clone().or_else(|| config.scene.sky.clone()).or(extras.sky).or_else(file_sky);
         scene.texels_per_metre = config.scene.texels_per_metre.or(extras.texels_per_metre);
         let metals_black = config.scene.metals_black.or(extras.metals_black).unwrap_or(false);
+        scene.metals_black = metals_black;
         let mut builder = Builder {
             doc,
             tree: &tree,

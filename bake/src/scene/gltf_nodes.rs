@@ -511,7 +511,7 @@ pub(crate) fn light(
             LightKind::Directional { direction, illuminance: strength, angular_diameter }
         }
     };
-    Some(Light { path: tree.path(at.node), mode: words.mode.unwrap_or_default(), kind })
+    Some(Light { path: tree.path(at.node), node: Some(at.node), mode: words.mode.unwrap_or_default(), kind })
 }
 
 fn strength(json: &Value, path: &str, kind: &str, units: LightUnits, out: &mut Findings) -> Option<Rgb> {

@@ -31,6 +31,8 @@ pub struct Scene {
     pub cameras: Vec<Camera>,
     /// `texels_per_metre` asked for by the scene's extras or the configuration file.
     pub texels_per_metre: Option<f32>,
+    /// Whether metals have no albedo.
+    pub metals_black: bool,
     /// What fills the air.
     pub media: Vec<Medium>,
     /// Where light probes are asked for by name; `None` where they find their places by themselves.
@@ -288,6 +290,8 @@ pub enum LightMode {
 pub struct Light {
     /// Path for messages and the manifest.
     pub path: String,
+    /// glTF's number of its node; `None` for lamps that words add.
+    pub node: Option<usize>,
     /// Which part is baked.
     pub mode: LightMode,
     /// Shape and strength.

@@ -98,12 +98,18 @@ impl Gathered {
         let (old, new) = (self.std_err * (1.0 - part), o.std_err * part);
         Self {
             mean: self.mean.lerp(o.mean, part),
-            std_err: (old * old + new * new).map(f32::sqrt),
+            std_err: joint(old, new),
             // Both rounds have halves of their own, which are independent.
             halves: self.halves * (1.0 - part) + o.halves * part,
             samples,
         }
     }
+}
+
+/// Standard error of a sum, of those of its parts. Their squares may be beyond f32 where the values are not.
+fn joint(a: Rgb, b: Rgb) -> Rgb {
+    let (a, b) = (a.as_dvec3(), b.as_dvec3());
+    (a * a + b * b).map(f64::sqrt).as_vec3()
 }
 
 impl Texel {
@@ -134,8 +140,7 @@ impl Texel {
     /// Standard error of [`Texel::value`], nits.
     #[must_use]
     pub fn std_err(&self) -> Rgb {
-        let (a, b) = (self.small.std_err, self.paths.std_err);
-        (a * a + b * b).map(f32::sqrt)
+        joint(self.small.std_err, self.paths.std_err)
     }
 }
 

@@ -482,6 +482,9 @@ pub struct SeamSteps {
 pub struct Light {
     /// Node names from the root.
     pub path: String,
+    /// Index of the node in `scene.glb`; absent for lamps that are not in the file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub node: Option<usize>,
     /// `point`, `spot`, `directional`, `emissive`, or what a later version adds.
     pub kind: String,
     /// What was baked.
@@ -810,7 +813,12 @@ mod tests {
             texels_per_metre: 12.3,
             kept_uvs: true,
         });
-        m.lights.push(Light { path: "sun".into(), kind: "directional".into(), mode: LightMode::Mixed });
+        m.lights.push(Light {
+            path: "sun".into(),
+            node: Some(3),
+            kind: "directional".into(),
+            mode: LightMode::Mixed,
+        });
         m.sky = Sky::Gradient { zenith: [0.1, 0.2, 0.3], horizon: [1.0; 3], ground: [0.0; 3] };
         let steps = SeamSteps { rms_noise: 1.5, max_noise: 4.0, rms_relative: 0.25, max_relative: 0.5 };
         let filters = SeamFilters { bilinear: steps, bicubic: SeamSteps::default() };

@@ -14,7 +14,7 @@ use super::{
 use crate::{error::Finding, scene::model::Scene};
 
 /// Pages come in multiples of this many texels, the block size of GPU texture compression.
-const BLOCK: u32 = 4;
+pub(super) const BLOCK: u32 = 4;
 
 /// Texels that charts stay clear of the next texel: more than the spacing of f32 at 8192 texels.
 pub(super) const CLEAR: f64 = 1.0 / 512.0;
@@ -46,7 +46,7 @@ pub(super) fn assemble(
             }
         }
     }
-    let crop = |n: u32| n.max(1).next_multiple_of(BLOCK).min(options.max_size.max(n));
+    let crop = |n: u32| n.max(1).next_multiple_of(BLOCK);
     atlas.pages =
         used.iter().map(|[w, h]| Page { width: crop(packed.width.max(*w)), height: crop(*h) }).collect();
     kept::report_gaps(scene, &atlas, findings);

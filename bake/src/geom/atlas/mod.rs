@@ -110,7 +110,7 @@ pub enum Engine {
 pub struct AtlasOptions {
     /// Texel density.
     pub density: Density,
-    /// Greatest width and height of a page, texels.
+    /// Greatest width and height of a page, texels; pages come in multiples of four.
     pub max_size: u32,
     /// Empty texels around each chart: two charts are `2 * padding` apart. Two are enough for
     /// bicubic sampling.
@@ -226,6 +226,13 @@ pub fn build(
     progress: &(dyn Fn(usize, usize) -> bool + Sync),
 ) -> Result<(Atlas, Vec<Finding>), Error> {
     check(options)?;
+    // So that every page is whole blocks.
+    let whole = |n: u32| n / assemble::BLOCK * assemble::BLOCK;
+    let density = match options.density {
+        Density::Fit { page_size } => Density::Fit { page_size: whole(page_size) },
+        fixed @ Density::Fixed(_) => fixed,
+    };
+    let options = &AtlasOptions { density, max_size: whole(options.max_size), ..*options };
     let meter = Meter { done: AtomicUsize::new(0), progress };
     let mut findings = Vec::new();
     let wanted: Vec<usize> = (0..scene.surfaces.len())

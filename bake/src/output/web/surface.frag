@@ -1,4 +1,4 @@
-// What a surface sends to the eye: albedo times E / pi, plus emission.
+// What a surface sends to the eye: albedo times E / pi, plus emission; and what passes it.
 uniform sampler2D light_map;
 uniform sampler2D base_map;
 uniform sampler2D glow_map;
@@ -8,13 +8,18 @@ uniform vec3 mean_light;
 uniform float light_scale;
 uniform bool has_texels;
 uniform float cutoff;
-uniform float cover;
+uniform sampler2D through_map;
+// Part of the light that passes straight through.
+uniform float through;
 uniform bool blend;
 uniform int mode;
+// 0: an opaque surface; of one that light passes, 1 is what passes, 2 what it sends itself.
+uniform int part;
 in vec2 v_light_uv;
 in vec2 v_base_uv;
 in vec2 v_glow_uv;
 in vec4 v_tint;
+in vec2 v_through_uv;
 out vec4 color;
 
 // The texel itself, in squares of two shades that fade where they are smaller than pixels.
@@ -35,9 +40,17 @@ void main() {
         discard;
     }
     vec3 light = has_texels ? texture(light_map, v_light_uv).rgb * light_scale : mean_light;
-    vec3 shown = tone_map(mode == 0 ? albedo.rgb * light + emission : light);
+    float alpha = blend ? albedo.a : 1.0;
+    float passing = through * texture(through_map, v_through_uv).r;
+    if (part == 1) {
+        // Multiplies what is curved like sRGB already.
+        vec3 tint = mode == 0 ? pow(albedo.rgb, vec3(1.0 / 2.2)) : vec3(1.0);
+        color = vec4(1.0 - alpha + alpha * passing * tint, 1.0);
+        return;
+    }
+    vec3 shown = tone_map(mode == 0 ? albedo.rgb * light * (1.0 - passing) + emission : light);
     if (mode == 2 && has_texels) {
         shown = texel();
     }
-    color = vec4(shown, (blend ? albedo.a : 1.0) * cover);
+    color = vec4(shown * alpha * (mode == 0 ? 1.0 : 1.0 - passing), 1.0);
 }

@@ -58,7 +58,14 @@ function lightTexture(gl, page, texels) {
 
 async function colorTexture(gl, { type, at, length, wrap, nearest }, bytes) {
   const blob = new Blob([bytes.subarray(at, at + length)], { type });
-  const image = await createImageBitmap(blob, { premultiplyAlpha: "none", colorSpaceConversion: "none" });
+  const asIs = { premultiplyAlpha: "none", colorSpaceConversion: "none" };
+  const most = gl.getParameter(gl.MAX_TEXTURE_SIZE);
+  let image = await createImageBitmap(blob, asIs);
+  const factor = most / Math.max(image.width, image.height);
+  if (factor < 1) {
+    const [resizeWidth, resizeHeight] = [image.width, image.height].map((n) => Math.max(1, Math.floor(n * factor)));
+    image = await createImageBitmap(blob, { ...asIs, resizeWidth, resizeHeight, resizeQuality: "high" });
+  }
   const texture = gl.createTexture();
   gl.bindTexture(gl.TEXTURE_2D, texture);
   gl.texImage2D(gl.TEXTURE_2D, 0, gl.SRGB8_ALPHA8, gl.RGBA, gl.UNSIGNED_BYTE, image);
@@ -96,6 +103,7 @@ function vertexArray(gl, draw, indices) {
   attribute(2, draw.base_uv, 2, gl.FLOAT, false);
   attribute(3, draw.glow_uv, 2, gl.FLOAT, false);
   attribute(4, draw.tint, 4, gl.UNSIGNED_SHORT, true);
+  attribute(5, draw.pass_uv, 2, gl.FLOAT, false);
   return array;
 }
 
@@ -139,7 +147,8 @@ function extent({ projection: p }, zoom, aspect) {
 
 function clipFromWorld({ flat, width, height }, pose, { right, up, forward }, radius) {
   const far = Math.hypot(...pose.eye) + 2 * radius;
-  const near = flat ? -far : 5e-4 * radius;
+  // In a room on a wide ground the room counts.
+  const near = flat ? -far : Math.min(5e-4 * radius, 0.02 * pose.distance);
   const [zz, zw] = flat ? [-2 / (far - near), -(far + near) / (far - near)] : [-(far + near) / (far - near), (-2 * far * near) / (far - near)];
   const row = (axis, factor) => [...axis.map((x) => x * factor), -dot(axis, pose.eye) * factor];
   const x = row(right, 1 / width);
@@ -183,7 +192,7 @@ async function show() {
   let pose = { ...start };
   const mode = () => Number(document.querySelector("input[name=mode]:checked").value);
 
-  function drawSurface(draw, array, clip) {
+  function drawSurface(draw, array, clip, part) {
     const texture = (unit, value) => {
       gl.activeTexture(gl.TEXTURE0 + unit);
       gl.bindTexture(gl.TEXTURE_2D, value ?? none);
@@ -191,13 +200,15 @@ async function show() {
     texture(0, pages[draw.page]);
     texture(1, textures[draw.base_map]);
     texture(2, textures[draw.glow_map]);
+    texture(3, textures[draw.pass_map]);
     gl.uniformMatrix4fv(surface.clip_from_mesh, false, times(clip, draw.world_from_mesh));
     gl.uniform4fv(surface.base, draw.base);
     gl.uniform3fv(surface.glow, draw.glow);
     gl.uniform1i(surface.has_texels, draw.page !== undefined ? 1 : 0);
     gl.uniform1f(surface.light_scale, scene.pages[draw.page]?.scale ?? 0);
     gl.uniform1f(surface.cutoff, draw.cutoff ?? -1);
-    gl.uniform1f(surface.cover, draw.cover);
+    gl.uniform1f(surface.through, draw.pass);
+    gl.uniform1i(surface.part, part);
     gl.uniform1i(surface.blend, draw.blend ? 1 : 0);
     draw.double_sided ? gl.disable(gl.CULL_FACE) : gl.enable(gl.CULL_FACE);
     gl.bindVertexArray(array);
@@ -236,13 +247,17 @@ async function show() {
     gl.uniform1f(surface.exposure, exposure);
     gl.uniform1i(surface.mode, mode());
     gl.uniform3fv(surface.mean_light, scene.mean_light);
-    ["light_map", "base_map", "glow_map"].forEach((name, unit) => gl.uniform1i(surface[name], unit));
-    const layers = [false, true].map((wanted) => scene.draws.map((d, i) => i).filter((i) => (scene.draws[i].blend || scene.draws[i].cover < 1) === wanted));
-    layers[0].forEach((i) => drawSurface(scene.draws[i], arrays[i], clip));
+    ["light_map", "base_map", "glow_map", "through_map"].forEach((name, unit) => gl.uniform1i(surface[name], unit));
+    const layers = [false, true].map((wanted) => scene.draws.map((d, i) => i).filter((i) => (scene.draws[i].blend || 0 < scene.draws[i].pass) === wanted));
+    layers[0].forEach((i) => drawSurface(scene.draws[i], arrays[i], clip, 0));
     gl.enable(gl.BLEND);
-    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     gl.depthMask(false);
-    layers[1].forEach((i) => drawSurface(scene.draws[i], arrays[i], clip));
+    for (const i of layers[1]) {
+      gl.blendFunc(gl.ZERO, gl.SRC_COLOR);
+      drawSurface(scene.draws[i], arrays[i], clip, 1);
+      gl.blendFunc(gl.ONE, gl.ONE);
+      drawSurface(scene.draws[i], arrays[i], clip, 2);
+    }
     gl.disable(gl.BLEND);
     gl.depthMask(true);
     const error = gl.getError();
@@ -282,13 +297,13 @@ async function show() {
   }
   function nearer(factor) {
     // What is turned around never gets nearer than a thousandth of the scene, so one can go on.
-    const distance = Math.max(1e-3 * scene.radius, pose.distance * factor);
+    const distance = Math.max(Math.min(1e-3 * scene.radius, 0.1 * start.distance), pose.distance * factor);
     pose.eye = along(pose.eye, basis(pose).forward, pose.distance - distance);
     [pose.distance, pose.zoom] = [distance, pose.zoom * factor];
   }
   function walk(seconds) {
     const axis = (plus, minus) => Number(held.has(plus)) - Number(held.has(minus));
-    const speed = scene.radius * seconds * (fast ? 1 : 0.25);
+    const speed = Math.min(scene.radius, 4 * start.distance) * seconds * (fast ? 1 : 0.25);
     const { right, up, forward } = basis(pose);
     pose.eye = along(pose.eye, forward, axis("KeyW", "KeyS") * speed);
     pose.eye = along(pose.eye, right, axis("KeyD", "KeyA") * speed);
