@@ -111,3 +111,29 @@ fn a_textured_lamp_gives_half_the_light_of_a_plain_one() {
         assert!(off <= 5e-3 * plain[c] + 5.0 * e[c].hypot(2.0 * e_2[c]), "{plain} and {half}");
     }
 }
+
+/// Light 2^90 times as bright gives texels 2^90 times as bright to the bit, and figures that are finite.
+#[test]
+fn absurdly_bright_light_keeps_its_figures() {
+    let bake = |bright: f32, samples: &[&str]| {
+        let room = closed::Room { radiance: bright, candela: bright, lux: bright, ..closed::Room::default() };
+        let args = ["--texels-per-metre", "6", "--denoise", "final", "--directional"];
+        tool::baked(&closed::room(room), &[&args, samples].concat())
+    };
+    for samples in [["--samples", "8"], ["--quality", "draft"]] {
+        let (one, many) = (bake(1.0, &samples), bake(2f32.powi(90), &samples));
+        same(&one, &many);
+    }
+}
+
+#[track_caller]
+fn same(one: &Baked, many: &Baked) {
+    let [a, b] = [one, many].map(|b| b.manifest.error.relative.unwrap());
+    assert!((a / b - 1.0).abs() < 1e-6, "{a} {b}");
+    for name in ["R", "noisy.G", "sh1.y.B"] {
+        let [a, b] = [one, many].map(|b| &b.pages[0].channels[name]);
+        for (a, b) in a.iter().zip(b) {
+            assert_eq!((a * 2f32.powi(90)).to_bits(), b.to_bits(), "{name}: {a} {b}");
+        }
+    }
+}

@@ -163,7 +163,7 @@ fn smoothed(map: &TexelMap, texels: &[Texel], kind: impl Fn(&Texel) -> &Gathered
         // What lies behind a one-sided surface is filled from its chart: no path there is of use. What seems enclosed may be kept.
         if t.validity != Validity::Hidden {
             let g = kind(t);
-            page[at as usize] = luminance(g.std_err).powi(2) * g.samples as f32;
+            page[at as usize] = luminance(g.std_err) * (g.samples as f32).sqrt();
         }
     }
     map.texels
@@ -173,17 +173,20 @@ fn smoothed(map: &TexelMap, texels: &[Texel], kind: impl Fn(&Texel) -> &Gathered
             if page[at as usize].is_nan() {
                 return 0.0;
             }
-            let (mut sum, mut n) = (0.0, 0.0);
+            let (mut sum, mut n) = (0.0f64, 0.0);
             for v in y.saturating_sub(1)..(y + 2).min(h) {
                 for u in x.saturating_sub(1)..(x + 2).min(w) {
-                    let variance = page[v * w + u];
-                    if !variance.is_nan() && (u, v) != (x, y) {
-                        sum += variance;
+                    // Squares may be beyond f32.
+                    let sigma = f64::from(page[v * w + u]);
+                    if !sigma.is_nan() && (u, v) != (x, y) {
+                        sum += sigma * sigma;
                         n += 1.0;
                     }
                 }
             }
-            if n == 0.0 { page[at as usize].sqrt() } else { (sum / n).sqrt() }
+            #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the result")]
+            let mean = (sum / n).sqrt() as f32;
+            if n == 0.0 { page[at as usize] } else { mean }
         })
         .collect()
 }

@@ -107,7 +107,7 @@ impl Gathered {
 }
 
 /// Standard error of a sum, of those of its parts. Their squares may be beyond f32 where the values are not.
-fn joint(a: Rgb, b: Rgb) -> Rgb {
+pub(crate) fn joint(a: Rgb, b: Rgb) -> Rgb {
     let (a, b) = (a.as_dvec3(), b.as_dvec3());
     (a * a + b * b).map(f64::sqrt).as_vec3()
 }

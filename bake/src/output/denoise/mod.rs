@@ -28,7 +28,7 @@ use crate::plan::Plan;
 use crate::plan::settings::Denoise;
 use crate::scene::model::Rgb;
 use crate::solve::Monitor;
-use crate::solve::lightmap::{Gathered, Solution, Texel};
+use crate::solve::lightmap::{Gathered, Solution, Texel, joint};
 use crate::solve::visible::Validity;
 use glam::Vec3;
 use part::{Clean, DRAFT, FINAL, Method, Part};
@@ -146,7 +146,7 @@ fn joined(texel: &Texel, small: &Clean, paths: &Clean, unit: f32) -> Light {
         if 0.0 < whole { old * (e / whole) } else { Vec3::splat(e) }
     };
     let (a, b) = (error(small, texel.small.std_err), error(paths, texel.paths.std_err));
-    Light { direct: clean.direct(), indirect: clean.indirect(), rmse: (a * a + b * b).map(f32::sqrt) }
+    Light { direct: clean.direct(), indirect: clean.indirect(), rmse: joint(a, b) }
 }
 
 /// Standard errors by which a texel has to change to be counted as changed.
