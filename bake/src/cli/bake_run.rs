@@ -318,8 +318,14 @@ impl Job<'_> {
         for Sheet { mut page, .. } in waiting.drain(..) {
             let number = baked.pages.len();
             exr::write_page(&self.staging.path(&record::page_file(number)), &page)?;
-            preview::write_page(&self.staging.path(&record::preview_file(number)), &page, self.exposure)?;
-            preview::write_error(&self.staging.path(&record::error_file(number)), &page)?;
+            // A PNG is packed by one thread.
+            let pictures = [record::preview_file(number), record::error_file(number)]
+                .map(|name| self.staging.path(&name));
+            let (shown, error) = rayon::join(
+                || preview::write_page(&pictures[0], &page, self.exposure),
+                || preview::write_error(&pictures[1], &page),
+            );
+            shown.and(error)?;
             baked.figures[number].texture = self.texture(number, &page)?;
             baked.figures[number].directions = self.direction_texture(number, &page)?;
             page.keep_radiance();
