@@ -303,6 +303,86 @@ fn lookups_are_what_points_say() {
     assert!(rms < 0.1, "{rms}");
 }
 
+/// Where one goes from a brick to one of another size through free air, light does not jump: probes of the finer one that the coarser
+/// one lacks hold what that has there.
+#[test]
+fn light_does_not_jump_between_bricks() {
+    // A lamp by a pillar on a wide floor: most of the air is far from surfaces.
+    let mut glb = Glb::new();
+    let (mut floor, mut pillar) = (Shape::default(), Shape::default());
+    floor.grid(Vec3::new(-10.0, 0.0, 10.0), Vec3::X * 20.0, Vec3::NEG_Z * 20.0, 1, 1);
+    pillar.cuboid([-0.5, 0.0, -0.5], [0.5, 16.0, 0.5], suite::shape::NO_BOTTOM);
+    let grey = glb.material(&Material::matte("grey", [0.5; 3]));
+    let mesh = glb.mesh("floor", &[(&floor, grey), (&pillar, grey)]);
+    glb.node(Node::new("floor").mesh(mesh));
+    let light = glb.light("lamp", Kind::Point, [1.0; 3], 500.0);
+    glb.node(Node { light: Some(light), ..Node::new("lamp") }.at([4.0, 5.0, 1.0]));
+    let v = baked(&glb.finish(), &["--probe-count", "8000", "--probe-samples", "16"]);
+    println!(
+        "{} bricks of {:?}",
+        v.bricks.len(),
+        [0, 1, 2].map(|l| v.bricks.iter().filter(|b| b.level == l).count())
+    );
+    let [nx, ny, nz] = v.lattice.size.map(|n| n as usize);
+    let side = v.lattice.spacing * 4.0;
+    let brick = |b: [usize; 3]| &v.bricks[v.index[(b[2] * ny + b[1]) * nx + b[0]] as usize];
+    let free = |p: Vec3| {
+        let w = v.weights(p.to_array()).expect("a probe").weights;
+        (w.iter().sum::<f32>() - 1.0).abs() < 1e-5
+    };
+    // Steps over light, at places on faces between bricks of one size and of two, in free air and next to walls.
+    let mut steps: [Vec<f32>; 3] = Default::default();
+    let mean = v.probes.iter().map(|p| p.light.coefficients()[0][1]).sum::<f32>() / v.probes.len() as f32;
+    for (z, y, x) in (0..nz).flat_map(|z| (0..ny).flat_map(move |y| (0..nx).map(move |x| (z, y, x)))) {
+        for axis in 0..3 {
+            let (here, mut next) = ([x, y, z], [x, y, z]);
+            next[axis] += 1;
+            if next[0] == nx || next[1] == ny || next[2] == nz || v.index[0] == tables::probes::NONE {
+                continue;
+            }
+            let (a, b) = (brick(here), brick(next));
+            if a == b {
+                continue;
+            }
+            for [s, t, ..] in places(16) {
+                let mut u = Vec3::new(x as f32, y as f32, z as f32);
+                u[axis] += 1.0;
+                u[(axis + 1) % 3] += s;
+                u[(axis + 2) % 3] += t;
+                let p = Vec3::from(v.lattice.origin) + u * side;
+                let off = Vec3::AXES[axis] * (2e-5 * side);
+                let coefficient = |p: Vec3| v.light(p.to_array()).expect("a probe").coefficients()[0][1];
+                let [c, d] = [p + off, p - off].map(coefficient);
+                let step = (c - d).abs() / mean.max(c);
+                // A cell that surfaces pass through leaves out probes.
+                let walls = [(a, p - off), (b, p + off)].iter().any(|(brick, p)| {
+                    let scale = v.lattice.spacing * (1u32 << brick.level) as f32;
+                    let first = Vec3::from(v.lattice.origin)
+                        + glam::UVec3::from(brick.corner).as_vec3() * v.lattice.spacing;
+                    let cell = ((*p - first) / scale).as_uvec3().min(glam::UVec3::splat(3));
+                    brick.cells[((cell.z * 4 + cell.y) * 4 + cell.x) as usize] != tables::probes::NONE
+                });
+                assert!(free(p));
+                steps[if walls { 2 } else { usize::from(a.level != b.level) }].push(step);
+            }
+        }
+    }
+    for (steps, what) in
+        steps.iter_mut().zip(["bricks of one size", "bricks of two sizes", "cells with walls"])
+    {
+        steps.sort_by(f32::total_cmp);
+        let rms = (steps.iter().map(|s| s * s).sum::<f32>() / steps.len().max(1) as f32).sqrt();
+        let worst = steps.last().copied().unwrap_or(0.0);
+        println!(
+            "{what}: {} places, rms {:.4}, at worst {worst:.4} of the light there or the mean",
+            steps.len(),
+            rms
+        );
+    }
+    assert!(500 < steps[1].len(), "{}", steps[1].len());
+    assert!(steps[..2].iter().flatten().all(|s| *s < 2e-3), "{:?}", steps[1].last());
+}
+
 /// Another unit of length, other lights, another number of threads.
 #[test]
 fn the_same_scene_gives_the_same_probes() {

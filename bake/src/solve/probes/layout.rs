@@ -46,6 +46,36 @@ pub(super) struct Node {
     pub(super) reach: f32,
 }
 
+/// A node between the probes of a coarser brick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Hanging {
+    pub(super) node: u32,
+    /// Probes around it, and their parts of its light.
+    pub(super) of: [(u32, f32); 8],
+}
+
+impl Hanging {
+    /// `None` if the brick has a probe there.
+    fn on(brick: &Brick, node: u32, at: UVec3) -> Option<Self> {
+        let wide = 1 << brick.level;
+        let from = at - UVec3::from(brick.corner);
+        if from % wide == UVec3::ZERO {
+            return None;
+        }
+        let cell = (from / wide).min(UVec3::splat(SIDE - 1));
+        let part = (from - cell * wide).as_vec3() / wide as f32;
+        let of = std::array::from_fn(|k| {
+            let k = number(k);
+            let far = UVec3::new(k & 1, k >> 1 & 1, k >> 2);
+            let c = cell + far;
+            let n = SIDE + 1;
+            let weight = Vec3::select(far.cmpeq(UVec3::ONE), part, 1.0 - part).element_product();
+            (brick.probes[((c.z * n + c.y) * n + c.x) as usize], weight)
+        });
+        Some(Self { node, of })
+    }
+}
+
 /// Bricks, and the probes on their corners.
 #[derive(Debug)]
 pub struct Layout {
@@ -101,6 +131,29 @@ impl Layout {
                 })
             }
         }
+    }
+
+    /// Nodes that lie on the face of a coarser brick and are none of its own, those of the coarsest bricks first. They take its light, or it would
+    /// jump where one goes from brick to brick.
+    pub(super) fn hanging(&self) -> Vec<Hanging> {
+        let mut list: Vec<(u32, Hanging)> = Vec::new();
+        for (node, n) in (0..).zip(&self.nodes) {
+            let around = (0..8u32).filter_map(|k| {
+                // The smallest bricks that touch the node.
+                let b = UVec3::new(k & 1, k >> 1 & 1, k >> 2);
+                let b = (n.at + b).checked_sub(UVec3::ONE)? / SIDE;
+                let flat = (b.z * self.size.y + b.y) * self.size.x + b.x;
+                let brick = b.cmplt(self.size).all().then(|| self.index[flat as usize])?;
+                self.bricks.get(brick as usize)
+            });
+            if let Some(brick) = around.max_by_key(|b| b.level)
+                && let Some(hanging) = Hanging::on(brick, node, n.at)
+            {
+                list.push((brick.level, hanging));
+            }
+        }
+        list.sort_by_key(|(level, _)| std::cmp::Reverse(*level));
+        list.into_iter().map(|(_, h)| h).collect()
     }
 
     /// Metres relative to the world's origin.

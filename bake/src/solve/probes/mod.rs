@@ -1,7 +1,7 @@
 //! Light probes: where they are, which places see them, and what they hold.
 //!
 //! In this order: `layout` lays bricks of cells over the scene, small ones near surfaces; `settle` moves probes out of walls;
-//! `occlude` finds which probes see which part of the cells that surfaces pass through; `gather` follows the paths; [`Probing::finish`]
+//! Probes of small bricks on the faces of larger ones take the light that these have there. `occlude` finds which probes see which part of the cells that surfaces pass through; `gather` follows the paths; [`Probing::finish`]
 //! gives probes in walls the light of their neighbours and takes ringing away.
 
 mod dilate;
@@ -16,6 +16,7 @@ use crate::solve::monitor::Monitor;
 use crate::transport::Kernel;
 use gather::Gathered;
 use glam::{Vec3, Vec3A};
+use layout::Hanging;
 pub use layout::{Layout, Where};
 use rayon::prelude::*;
 use tables::probes::{Basis, Brick, Lattice, Light, NONE, Occlusion, Probe, ProbeVolume, least_window};
@@ -53,6 +54,9 @@ pub struct Probing {
     places: Vec<(Vec3A, f32)>,
     /// Probes of the lattice; those of single regions are behind them.
     on_lattice: usize,
+    hanging: Vec<Hanging>,
+    /// Whether light is gathered at each place.
+    wanted_at: Vec<bool>,
     moved: usize,
 }
 
@@ -65,6 +69,8 @@ pub struct Figures {
     pub moved: u64,
     /// Probes of single regions of cells.
     pub own: u64,
+    /// Probes on the faces of coarser bricks, which hold the light that these have there.
+    pub hanging: u64,
     /// Probes that needed a window against ringing.
     pub windowed: u64,
     /// Samples that were not finite.
@@ -98,6 +104,7 @@ impl Probing {
         let mut places: Vec<(Vec3A, f32)> = settled.iter().map(|s| (s.place, s.validity)).collect();
         let on_lattice = places.len();
         let cells = occlude::occlude(kernel, &layout, &settled, monitor)?;
+        let hanging = layout.hanging();
         let mut bricks = layout.bricks;
         let mut occlusions = Vec::new();
         for (brick, cells) in bricks.iter_mut().zip(cells) {
@@ -121,13 +128,27 @@ impl Probing {
         let origin = (Vec3::from(layout.origin) + kernel.world.origin).to_array();
         let lattice =
             Lattice { origin, spacing: layout.spacing, size: layout.size.to_array(), levels: layout.levels };
-        Ok(Some(Self { wanted, lattice, index: layout.index, bricks, occlusions, places, on_lattice, moved }))
+        let mut wanted_at: Vec<bool> = places.iter().map(|p| VALID <= p.1).collect();
+        hanging.iter().for_each(|h| wanted_at[h.node as usize] = false);
+        let index = layout.index;
+        Ok(Some(Self {
+            wanted,
+            lattice,
+            index,
+            bricks,
+            occlusions,
+            places,
+            on_lattice,
+            hanging,
+            wanted_at,
+            moved,
+        }))
     }
 
     /// Paths that gathering will take.
     #[must_use]
     pub fn paths(&self) -> u64 {
-        self.places.iter().filter(|p| VALID <= p.1).count() as u64 * u64::from(self.wanted.samples)
+        self.wanted_at.iter().filter(|w| **w).count() as u64 * u64::from(self.wanted.samples)
     }
 
     /// Gathers the light.
@@ -142,8 +163,8 @@ impl Probing {
             .par_iter()
             .enumerate()
             .with_max_len(16)
-            .map(|(i, (place, validity))| {
-                let wanted = VALID <= *validity && !monitor.stopped();
+            .map(|(i, (place, _))| {
+                let wanted = self.wanted_at[i] && !monitor.stopped();
                 let key = crate::sample::sequence::key(seed, DOMAIN + number, i as u64);
                 wanted.then(|| gather::gather(kernel, *place, samples, key, monitor))
             })
@@ -152,7 +173,8 @@ impl Probing {
             return Err(Error::Interrupted);
         }
         let mut figures = Figures {
-            invalid: gathered.iter().filter(|g| g.is_none()).count() as u64,
+            invalid: self.places.iter().filter(|p| p.1 < VALID).count() as u64,
+            hanging: self.hanging.len() as u64,
             moved: self.moved as u64,
             own: (self.places.len() - self.on_lattice) as u64,
             rejected: gathered.iter().flatten().map(|g| g.rejected).sum(),
@@ -175,6 +197,16 @@ impl Probing {
             }
             let position = (Vec3::from(*place) + origin).to_array();
             probes.push(Probe { position, light, std_err, validity: *validity, window });
+        }
+        for Hanging { node, of } in &self.hanging {
+            let (mut light, mut std_err) = (Light::black(basis), 0.0);
+            for (probe, weight) in of.iter().filter(|(_, weight)| 0.0 < *weight) {
+                let probe: &Probe = &probes[*probe as usize];
+                light.add(&probe.light, *weight);
+                std_err += weight * probe.std_err;
+            }
+            let probe = &mut probes[*node as usize];
+            (probe.light, probe.std_err, probe.window) = (light, std_err, 0.0);
         }
         let n = gathered.iter().flatten().count().max(1) as f64;
         figures.mean_luminance /= n;
