@@ -442,7 +442,8 @@ fn packages(test: &str, names: &[&str]) -> Option<tempfile::TempDir> {
     let install = ["install", "--no-audit", "--no-fund", "--ignore-scripts", "--prefix", "."];
     let done = Command::new(npm).args(install).args(names).current_dir(dir.path()).output().unwrap();
     if !done.status.success() {
-        browser::skip(test, &format!("npm cannot install {}", names.join(" ")));
+        // Registries may be out of reach where browsers are not.
+        println!("skipped: {test}: npm cannot install {}", names.join(" "));
         return None;
     }
     Some(dir)
