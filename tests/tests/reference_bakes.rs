@@ -250,13 +250,13 @@ fn mixed_lighting_in_units_of_unity() {
                 // What the sun sends by way of the chair alone. Green and blue are a twentieth of red or less, and mantissas that share red's
                 // exponent end there; noise of ours is what remains in squares.
                 ("MixedIndirect", "Plane") => [0.94, 1.04, 0.3, 0.97],
-                // One map of 62 texels for the ball; more than nine tenths of it lie next to an edge of light or chart.
+                // A rectangle that is rounded by up to half a texel, of 63 texels for all of the ball.
                 ("Baked", "Sphere") => [0.94, 1.02, 0.09, 0.99],
-                // Cushions on 190 texels with hundreds of charts: light of neighbouring charts is mixed in, on both sides.
+                // Places inside other bodies, filled here and mostly dark there, and edges of charts that both fill differently.
                 (_, "SheenChair_fabric") => {
                     [0.9, 1.03, if map == "MixedIndirect" { 0.5 } else { 0.13 }, 0.75]
                 }
-                // Rods that are a texel or two wide: half of what is looked up comes from the other side.
+                // The same on a sixth of the rods, and a rectangle that is rounded by half a texel.
                 (_, "SheenChair_wood") => [0.85, 1.03, 0.4, 0.7],
                 _ => continue,
             };
