@@ -351,7 +351,8 @@ fn bake_a_little(plan: &Plan, document: &Document) {
     let directions =
         directional::gather(&kernel, &map, 0, (2, 1), &mut solution, &monitor).expect("nobody stops it");
     let clean = denoise::denoise(plan, &map, &solution, &monitor).expect("nobody stops it");
-    let (page, ..) = assemble::page(plan, map, solution, clean, Some(directions));
+    let (sheet, _) = assemble::page(plan, map, solution, clean, Some(directions));
+    let page = sheet.page;
     let bad = page.sh1.iter().flatten().flatten().flatten().find(|v| !v.is_finite());
     assert_eq!(bad, None, "a direction that is none");
     let place = Where::Scene { about: 130 };

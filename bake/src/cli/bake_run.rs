@@ -252,8 +252,8 @@ impl Job<'_> {
                 denoise::denoise(self.plan, &map, &solution, &baked.monitor)
             })?;
             self.watch.lap("denoise");
-            let (page, filled, gathered, backs) = assemble::page(self.plan, map, solution, clean, directions);
-            let (stats, denoised) = (PageStats::of(&page), DenoiseStats::of(&page));
+            let (sheet, filled) = assemble::page(self.plan, map, solution, clean, directions);
+            let (stats, denoised) = (PageStats::of(&sheet.page), DenoiseStats::of(&sheet.page));
             baked.figures.push(record::PageFigures {
                 stats,
                 denoised,
@@ -265,7 +265,7 @@ impl Job<'_> {
                 directions: None,
             });
             self.watch.lap("write");
-            waiting.push(Sheet { page, gathered, backs });
+            waiting.push(sheet);
             if !together || number + 1 == atlas.pages.len() {
                 self.finish(&mut baked, &mut waiting)?;
             }
@@ -484,9 +484,9 @@ const PICTURE_SECONDS: f64 = 0.8;
 /// What a time budget keeps for writing a texel of a page, seconds; measured 0.4 to 0.8 microseconds, and 0.2 to 0.5 more for a texture.
 const WRITE_SECONDS: f64 = 1e-6;
 
-/// What a time budget keeps for denoising a texel of a page, processor seconds, `draft` and `final`; measured 15 and 65 microseconds a
-/// covered texel.
-const DENOISE_SECONDS: [f64; 2] = [2e-5, 7e-5];
+/// What a time budget keeps for denoising a texel of a page, processor seconds, `draft` and `final`; measured 27 and 94 microseconds a
+/// covered texel of the hall.
+const DENOISE_SECONDS: [f64; 2] = [3e-5, 1e-4];
 
 /// What a time budget keeps for a place on a seam, seconds; measured 30 microseconds of one processor in a
 /// build with little optimisation.

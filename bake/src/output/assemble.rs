@@ -4,7 +4,7 @@ use crate::geom::texel::TexelMap;
 use crate::output::denoise::Light;
 use crate::output::dilate::{self, Filled, NO_CHART};
 use crate::output::page::{Page, PageStats};
-use crate::output::stitch::Bits;
+use crate::output::stitch::{self, Bits};
 use crate::plan::Plan;
 use crate::solve::directional::Direction;
 use crate::solve::lightmap::Solution;
@@ -19,7 +19,7 @@ const ENCLOSED_RINGS: usize = 2;
 const BATCH: usize = 1 << 16;
 
 /// A page from its solution: every covered texel has its value, hidden ones are filled from their
-/// chart, and charts continue outwards by the plan's padding. Also which texels are not filled but gathered, and which show their backs. The
+/// chart, and charts continue outwards by the plan's padding. Ready for stitching. The
 /// solution's memory is given back while the page's fills. `clean` is what denoising made of the texels, if it was asked for.
 #[must_use]
 pub fn page(
@@ -28,7 +28,7 @@ pub fn page(
     mut solution: Solution,
     mut clean: Option<Vec<Light>>,
     directions: Option<Vec<Direction>>,
-) -> (Page, Filled, Bits, Bits) {
+) -> (stitch::Sheet, Filled) {
     let mut sheet = Sheet::new(&map);
     if let Some(directions) = directions {
         sheet.page.sh1 = Some(std::array::from_fn(|axis| {
@@ -68,7 +68,7 @@ pub fn page(
     let (filled, gathered) = sheet.fill();
     dilate::fill_gutter(&mut sheet.page, &sheet.charts, plan.settings().padding);
     sheet.page.limit_directions();
-    (sheet.page, filled, gathered, sheet.backs)
+    (stitch::Sheet { page: sheet.page, gathered, backs: sheet.backs }, filled)
 }
 
 /// The figures that the page of a solution will have, which stays as it is.

@@ -24,8 +24,7 @@ use crate::{
     scene::{
         accessor::{AccessorData, Kind},
         document::Document,
-        gltf::BOUNDS,
-        model::Scene,
+        model::{BOUNDS, Scene},
     },
 };
 

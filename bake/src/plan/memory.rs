@@ -95,7 +95,10 @@ const PER_TEXEL_DENOISED: u64 = 24;
 /// Bytes for each covered texel while a page is denoised, beside the solution. At the most there are: where texels are (36), what came
 /// out of the first part (28), the second as it was gathered (40), what texels are compared by (48), their noise, the
 /// error that is left and their radius (12), the filtered texels (40), their errors twice (8), whether they are black (1) and what comes out (28).
-const PER_DENOISED: u64 = 36 + 28 + 40 + 48 + 12 + 40 + 8 + 1 + 28;
+const PER_DENOISED: u64 = 36 + PER_WALLED + 28 + 40 + 48 + 12 + 40 + 8 + 1 + 28;
+
+/// Bytes of what a texel knows of walls around it while a page is denoised, with those that an allocation takes.
+pub(crate) const PER_WALLED: u64 = 56;
 
 /// Bytes per texel of a page that is kept for the preview: radiance and coverage.
 const PER_TEXEL_KEPT: u64 = 16;

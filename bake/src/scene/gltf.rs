@@ -15,8 +15,8 @@ use super::{
     gltf_nodes::{self, Hierarchy, NodeIndex, Placed},
     media_words::Unplaced,
     model::{
-        Camera, Density, Light, LightKind, LightMode, LightmapMode, Medium, Mesh, ProbeBox, Region, Scene,
-        Shell, Sky, Surface,
+        BOUNDS, Camera, Density, Light, LightKind, LightMode, LightmapMode, Medium, Mesh, ProbeBox, Region,
+        Scene, Shell, Sky, Surface,
     },
     read::{index_of, shown},
     sky,
@@ -414,9 +414,6 @@ impl Builder<'_> {
 fn bounds_of(node: &Value) -> Option<usize> {
     node.get("mesh").or_else(|| node["extras"].get(BOUNDS)).and_then(index_of)
 }
-
-/// Word of a node's extras for the number of a mesh that bounds a medium or light probes.
-pub(crate) const BOUNDS: &str = "bounds_mesh";
 
 fn corners(positions: &[Vec3]) -> [Vec3; 8] {
     let low = positions.iter().copied().fold(Vec3::INFINITY, Vec3::min);

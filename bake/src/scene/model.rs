@@ -41,6 +41,9 @@ pub struct Scene {
     pub bounds: Vec<(usize, usize)>,
 }
 
+/// Word of a node's extras for the number of a mesh that only bounds a medium or light probes.
+pub const BOUNDS: &str = "bounds_mesh";
+
 /// A box that is filled with light probes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProbeBox {

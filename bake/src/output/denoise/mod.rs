@@ -20,6 +20,7 @@
 mod filter;
 mod part;
 mod places;
+mod walls;
 
 use crate::error::{Error, Result};
 use crate::geom::texel::TexelMap;

@@ -1,15 +1,13 @@
 //! Where texels are in the world, and which others lie near one.
 
+use super::walls::Walls;
 use crate::geom::World;
-use crate::geom::bvh::Bvh;
-use crate::geom::ray::{Ray, offset_distance};
 use crate::geom::texel::{TexelMap, TexelSampler};
 use crate::plan::Plan;
-use crate::sample::warp::Frame;
 use crate::solve::Monitor;
 use crate::solve::lightmap::{Solution, Texel};
 use crate::solve::visible::Validity;
-use glam::{Vec3, Vec3A};
+use glam::Vec3;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -26,12 +24,6 @@ const MOST_GAP: f32 = 0.5;
 /// copies in the same place, or charts smaller than texels, and looking at every pair of them would take forever.
 const CROWD: usize = 512;
 
-/// How far above the surface a wall counts that parts texels, texels: as with seams.
-const ABOVE: f32 = 0.5;
-
-/// Directions in which a texel looks for walls.
-const SECTORS: usize = 16;
-
 /// Texels that count, sorted by where they are.
 ///
 /// Only texels of about the same size are near one another: sizes within a factor of the root of two from a power of two
@@ -45,23 +37,21 @@ pub(super) struct Places<'a> {
     cells: Vec<Cell>,
     /// How many cells away a texel may look.
     most: u16,
-    /// Where the list of each place begins in `parted`, and its end.
-    first_parted: Vec<u32>,
-    /// For each place those that something stands before, ascending.
-    parted: Vec<u32>,
+    /// What stands between them.
+    pub(super) walls: Walls,
     /// Who may stop the work.
     monitor: Option<&'a Monitor>,
 }
 
 /// One texel.
 #[derive(Clone, Copy, Debug)]
-struct Spot {
+pub(super) struct Spot {
     /// A point of its surface near its middle, metres.
-    position: Vec3,
+    pub(super) position: Vec3,
     /// Unit normal of the side that is lit.
-    normal: Vec3,
+    pub(super) normal: Vec3,
     /// Texels per metre there.
-    density: f32,
+    pub(super) density: f32,
     /// Counted over the page.
     chart: u32,
 }
@@ -102,7 +92,7 @@ impl<'a> Places<'a> {
             .collect();
         let mut places = Self { monitor: Some(monitor), ..Self::sorted(&spots, reach) };
         drop(spots);
-        places.part(bvh, reach, offset_distance(world.radius));
+        places.walls = Walls::find(&places, bvh, reach, world.radius);
         places
     }
 
@@ -144,84 +134,14 @@ impl<'a> Places<'a> {
         places
     }
 
-    /// Finds which places that are near one another something stands between.
-    fn part(&mut self, bvh: &Bvh, reach: f32, least: f32) {
-        let over = |s: &Spot| Vec3A::from(s.position + s.normal * (ABOVE / s.density).max(least));
-        let stop = self.monitor;
-        // How far it is to what stands around a place, in each sector; none where there is nothing.
-        let walls: Vec<Option<Box<[f32; SECTORS]>>> = self
-            .spots
-            .par_iter()
-            .map(|spot| {
-                let (origin, frame, t_max) =
-                    (over(spot), Frame::new(spot.normal.into()), reach / spot.density);
-                let mut found = None;
-                if stop.is_some_and(Monitor::stopped) {
-                    return found;
-                }
-                for sector in 0..SECTORS {
-                    let (sin, cos) = (sector as f32 / SECTORS as f32 * std::f32::consts::TAU).sin_cos();
-                    let ray = Ray { origin, direction: frame.x * cos + frame.y * sin, t_max };
-                    if let Some(hit) = bvh.closest(&ray, |_| false) {
-                        found.get_or_insert_with(|| Box::new([f32::INFINITY; SECTORS]))[sector] = hit.t;
-                    }
-                }
-                found
-            })
-            .collect();
-        if walls.iter().all(Option::is_none) {
-            return;
-        }
-        // Nothing is on the way where it ends before what stands on both sides of it.
-        let free = |i: usize, way: Vec3, length: f32| {
-            let Some(walls) = &walls[i] else { return true };
-            let frame = Frame::new(self.spots[i].normal.into());
-            let way = Vec3A::from(way);
-            let turn = way.dot(frame.y).atan2(way.dot(frame.x)) / std::f32::consts::TAU;
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a sector")]
-            let sector = (turn.rem_euclid(1.0) * SECTORS as f32) as usize % SECTORS;
-            length < walls[sector].min(walls[(sector + 1) % SECTORS])
-        };
-        let parted: Vec<Vec<u32>> = self.map(|i, near| {
-            let mut list = Vec::new();
-            if walls[i].is_none() {
-                return list;
-            }
-            near.each(i, reach, |j, _, _| {
-                let way = self.spots[j].position - self.spots[i].position;
-                let length = way.length();
-                if walls[j].is_none() || free(i, way, length) || free(j, -way, length) {
-                    return;
-                }
-                // The same ray from whichever side it is asked for.
-                let [a, b] = [i.min(j), i.max(j)].map(|k| over(&self.spots[k]));
-                let ray = Ray { origin: a, direction: (b - a).normalize_or_zero(), t_max: (b - a).length() };
-                if bvh.occluded(&ray, |_| false) {
-                    #[expect(clippy::cast_possible_truncation, reason = "as many as there are texels")]
-                    list.push(j as u32);
-                }
-            });
-            list.sort_unstable();
-            list
-        });
-        if parted.iter().all(Vec::is_empty) {
-            return;
-        }
-        self.first_parted.push(0);
-        for list in parted {
-            self.parted.extend(list);
-            #[expect(clippy::cast_possible_truncation, reason = "pairs along walls")]
-            self.first_parted.push(self.parted.len() as u32);
-        }
+    /// All of them.
+    pub(super) fn spots(&self) -> &[Spot] {
+        &self.spots
     }
 
-    /// What something stands before, as seen from a place.
-    #[inline]
-    fn parted(&self, i: usize) -> &[u32] {
-        match self.first_parted.get(i..i + 2) {
-            Some([from, to]) => &self.parted[*from as usize..*to as usize],
-            _ => &[],
-        }
+    /// Whether somebody asks to stop.
+    pub(super) fn stopped(&self) -> bool {
+        self.monitor.is_some_and(Monitor::stopped)
     }
 
     /// Whether both are of one chart.
@@ -245,7 +165,7 @@ impl<'a> Places<'a> {
             rest = more;
         }
         parts.into_par_iter().enumerate().for_each(|(c, part)| {
-            if self.monitor.is_some_and(Monitor::stopped) {
+            if self.stopped() {
                 return;
             }
             let key = self.cells[c].key;
@@ -296,7 +216,7 @@ impl Near<'_> {
     #[inline]
     pub(super) fn each(&self, i: usize, radius: f32, mut f: impl FnMut(usize, f32, f32)) {
         let spots = &self.places.spots;
-        let parted = self.places.parted(i);
+        let walls = &self.places.walls;
         let a = spots[i];
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few cells")]
         let away = (radius / CELL).ceil() as usize;
@@ -311,7 +231,8 @@ impl Near<'_> {
                 let weight = (a.normal.dot(b.normal) - LEAST_COSINE) / (1.0 - LEAST_COSINE);
                 // On a plane, and on an arc as well, the way to the other is at right angles to the sum of the normals.
                 let gap = 0.5 * v.dot(a.normal + b.normal);
-                if 0.0 < weight && gap * gap * scale < MOST_GAP * MOST_GAP && !holds(parted, j) {
+                let continues = 0.0 < weight && gap * gap * scale < MOST_GAP * MOST_GAP;
+                if continues && !walls.part((i, &a), (j, b)) {
                     f(j, squared, weight.min(1.0));
                 }
             }
@@ -360,14 +281,6 @@ impl Spot {
     }
 }
 
-/// Whether a sorted list holds a place.
-#[inline]
-fn holds(list: &[u32], i: usize) -> bool {
-    #[expect(clippy::cast_possible_truncation, reason = "as many as there are texels")]
-    let i = i as u32;
-    !list.is_empty() && list.binary_search(&i).is_ok()
-}
-
 /// The class of a texel in a cell of a crowd: charts stay together in one of so many layers.
 fn layer(class: i32, layers: usize, chart: u32) -> i32 {
     let log = layers.ilog2().min(16);
@@ -384,7 +297,6 @@ fn cell(x: f32) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geom::bvh::Opacity;
 
     /// What is near each place, by number of texel.
     fn near(places: &Places, radius: f32) -> Vec<(u32, Vec<u32>)> {
@@ -442,33 +354,6 @@ mod tests {
             "{:?}",
             counts.iter().max()
         );
-    }
-
-    /// A wall stands on a floor, between the second and the third texel; past its end nothing parts them.
-    #[test]
-    fn walls_part_what_runs_through_below_them() {
-        let corners = |z: [f32; 2]| {
-            let [a, b, c, d] =
-                [(z[0], -1.0), (z[1], -1.0), (z[1], 2.0), (z[0], 2.0)].map(|(z, y)| Vec3::new(2.0, y, z));
-            [[a, b, c], [a, c, d]]
-        };
-        let world = World::of_triangles(corners([-20.0, 0.0]).to_vec());
-        let bvh = Bvh::build(&world, |_| Some(Opacity::Opaque)).expect("builds");
-        let spots: Vec<(Vec3, Vec3)> = [-4.0f32, 8.0]
-            .into_iter()
-            .flat_map(|z| {
-                (0u8..4).map(move |x| (Vec3::new(f32::from(x) + 0.5, 0.0, z) - world.origin, Vec3::Y))
-            })
-            .collect();
-        let mut places = Places::at(&spots, 8.0);
-        places.part(&bvh, 8.0, 1e-4);
-        let lists = near(&places, 3.0);
-        for (i, list) in lists {
-            let [row, x] = [i / 4, i % 4];
-            let all = (4 * row..4 * row + 4).filter(|j| *j != i && i.abs_diff(*j) < 3);
-            let want: Vec<u32> = all.filter(|j| row == 1 || (x < 2) == (j % 4 < 2)).collect();
-            assert_eq!(list, want, "of {i}");
-        }
     }
 
     #[test]
