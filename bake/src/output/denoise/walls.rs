@@ -15,7 +15,7 @@ const ABOVE: f32 = 0.5;
 const SECTORS: usize = 16;
 
 /// How far texels look, texels.
-const REACH: f32 = 8.0;
+const REACH: u8 = 8;
 
 /// Places along each axis of a texel's surroundings.
 const SIDE: usize = 2 * REACH as usize + 1;
@@ -39,7 +39,7 @@ impl Walls {
     /// A pair is free if it ends before what either of them sees on both sides of the way to the other. A ray decides for the rest,
     /// most of which lie along walls.
     pub(super) fn find(places: &Places<'_>, bvh: &Bvh, reach: f32, radius: f32) -> Self {
-        debug_assert!(reach <= REACH, "surroundings are smaller");
+        debug_assert!(reach <= f32::from(REACH), "surroundings are smaller");
         let spots = places.spots();
         let over =
             |s: &Spot| Vec3A::from(s.position + s.normal * (ABOVE / s.density).max(offset_distance(radius)));
@@ -120,7 +120,10 @@ fn square(a: &Spot, b: &Spot) -> usize {
         clippy::cast_sign_loss,
         reason = "clamped to the surroundings"
     )]
-    let along = |axis: Vec3A| (way.dot(axis).round().clamp(-REACH, REACH) + REACH) as usize;
+    let along = |axis: Vec3A| {
+        let reach = f32::from(REACH);
+        (way.dot(axis).round().clamp(-reach, reach) + reach) as usize
+    };
     along(frame.y) * SIDE + along(frame.x)
 }
 
@@ -151,8 +154,9 @@ mod tests {
             .flat_map(|z| (0u8..4).map(move |x| (Vec3::new(f32::from(x) + 0.5, 0.0, z), Vec3::Y)))
             .map(|(p, n)| (p - world.origin, n))
             .collect();
-        let mut places = Places::at(&spots, REACH);
-        places.walls = Walls::find(&places, &bvh, REACH, world.radius);
+        let reach = f32::from(REACH);
+        let mut places = Places::at(&spots, reach);
+        places.walls = Walls::find(&places, &bvh, reach, world.radius);
         let lists = places.map(|i, near| {
             let mut list = Vec::new();
             near.each(i, 3.0, |j, _, _| list.push(places.texels[j]));
