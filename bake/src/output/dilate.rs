@@ -8,6 +8,7 @@
 use rayon::prelude::*;
 
 use super::page::{Page, luminance};
+use super::stitch::Bits;
 
 /// Chart id of a texel that no chart covers.
 pub const NO_CHART: u32 = u32::MAX;
@@ -28,7 +29,7 @@ pub struct Filled {
 /// `charts` holds a chart id per texel, [`NO_CHART`] where none covers it; `valid` tells which
 /// texels were gathered well. A filled texel is the mean of its filled neighbours (of eight) of the
 /// same chart, standard error included: neighbours' errors may agree, so it is not lowered.
-/// Coverage stays. Texels out of reach become black with a standard error of 0.
+/// Coverage stays. Texels out of reach become black with a standard error of 0. The page keeps which were filled.
 ///
 /// # Panics
 /// If a slice's length is not the page's number of texels.
@@ -50,6 +51,7 @@ pub fn fill_invalid(page: &mut Page, charts: &[u32], valid: &[bool]) -> Filled {
     bright.dedup();
 
     let mut filled = 0;
+    let mut which = Bits::new(n);
     // Only texels beside one that is to be filled can fill it.
     let beside = |i: usize| grid.neighbours(i).any(|j| !source[j] && charts[j] == charts[i]);
     let mut front: Vec<usize> = (0..n).filter(|&i| source[i] && beside(i)).collect();
@@ -65,6 +67,7 @@ pub fn fill_invalid(page: &mut Page, charts: &[u32], valid: &[bool]) -> Filled {
         for (&i, value) in ring.iter().zip(&values) {
             value.store(page, i);
             source[i] = true;
+            which.insert(i);
         }
         filled += ring.len();
         front = ring;
@@ -72,6 +75,7 @@ pub fn fill_invalid(page: &mut Page, charts: &[u32], valid: &[bool]) -> Filled {
     for i in (0..n).filter(|&i| charts[i] != NO_CHART && !source[i]) {
         Texel::default().store(page, i);
     }
+    page.filled = (0 < filled).then_some(which);
     Filled {
         filled: filled as u64,
         unreached: (n_invalid - filled) as u64,

@@ -2,7 +2,8 @@
 //!
 //! A page is one 32-bit float layer: `R G B` hold `E / pi` in nits, `A` coverage, `stderr.R/G/B`
 //! the standard error of the mean, `direct.*` and `indirect.*` the two parts of the light where
-//! they were asked for; where it was denoised, `noisy.*` what it was before and `rmse.*` the error that is left. Zip compression; channels are read from the page in place while writing.
+//! they were asked for; where it was denoised, `noisy.*` what it was before and `rmse.*` the error that is left; where texels lay inside other geometry and were
+//! filled from their chart, `filled`, which is 1 there and 0 elsewhere. Zip compression; channels are read from the page in place while writing.
 
 use std::{
     fs::File,
@@ -23,10 +24,12 @@ use exr::{
         ReadChannels, ReadLayers, WritableImage,
     },
 };
+use half::f16;
 use rayon::prelude::*;
 use tables::format::manifest::UNIT;
 
 use super::page::Page;
+use super::stitch::Bits;
 use crate::error::{Error, Result};
 
 /// Name of the text attribute that holds [`UNIT`].
@@ -83,15 +86,21 @@ pub fn write_rgb(path: &Path, width: usize, height: usize, pixels: &[[f32; 3]]) 
 #[derive(Clone, Copy)]
 enum Plane<'a> {
     Scalar(&'a [f32]),
+    /// 1 for what is in a set, else 0.
+    Set(&'a Bits),
     /// One of three interleaved channels.
     Color(&'a [[f32; 3]], usize),
+    /// The same of half floats, and written as such.
+    Half(&'a [[f16; 3]], usize),
 }
 
 impl Plane<'_> {
     fn at(self, i: usize) -> f32 {
         match self {
             Self::Scalar(values) => values[i],
+            Self::Set(bits) => f32::from(u8::from(bits.contains(i))),
             Self::Color(values, channel) => values[i][channel],
+            Self::Half(values, channel) => values[i][channel].to_f32(),
         }
     }
 }
@@ -105,11 +114,36 @@ fn planes_of(page: &Page) -> Vec<(String, Plane<'_>)> {
             planes.push((name, Plane::Color(layer, channel)));
         }
     }
+    planes.extend(page.filled.as_ref().map(|bits| ("filled".to_owned(), Plane::Set(bits))));
     planes.sort_by(|(a, _), (b, _)| a.cmp(b));
     planes
 }
 
+/// Writes `R G B` as half floats without a unit of ours; for images that are no lightmaps.
+///
+/// # Errors
+/// As [`write_page`].
+pub fn write_half(path: &Path, width: usize, height: usize, pixels: &[[f16; 3]]) -> Result<()> {
+    if pixels.len() != width * height {
+        let got = pixels.len();
+        return Err(Error::Usage(format!("{}: {got} pixels are not {width} x {height}", path.display())));
+    }
+    let planes = [(2, "B"), (1, "G"), (0, "R")].into_iter();
+    let planes = planes.map(|(c, name)| (name.to_owned(), Plane::Half(pixels, c))).collect();
+    write_image(path, width, height, planes, None)
+}
+
 fn write_planes(path: &Path, width: usize, height: usize, planes: Vec<(String, Plane<'_>)>) -> Result<()> {
+    write_image(path, width, height, planes, Some(UNIT))
+}
+
+fn write_image(
+    path: &Path,
+    width: usize,
+    height: usize,
+    planes: Vec<(String, Plane<'_>)>,
+    unit: Option<&str>,
+) -> Result<()> {
     if width == 0 || height == 0 {
         return Err(Error::Usage(format!("{}: an image of {width} x {height} pixels", path.display())));
     }
@@ -122,7 +156,7 @@ fn write_planes(path: &Path, width: usize, height: usize, planes: Vec<(String, P
     let mut attributes = LayerAttributes { software_name: Some(text("bake")), ..LayerAttributes::default() };
     // The library keeps custom attributes in a hash map and writes them in its order, so there may
     // be one at most, or the bytes would differ from run to run.
-    attributes.other.insert(text(UNIT_ATTRIBUTE), AttributeValue::Text(text(UNIT)));
+    attributes.other.extend(unit.map(|unit| (text(UNIT_ATTRIBUTE), AttributeValue::Text(text(unit)))));
     // Without a fixed order, blocks are written as threads finish them.
     let encoding = Encoding {
         compression: Compression::ZIP16,
@@ -154,7 +188,7 @@ impl<'slf, 'a: 'slf> WritableSamples<'slf> for Samples<'a> {
     type Writer = Samples<'a>;
 
     fn sample_type(&self) -> SampleType {
-        SampleType::F32
+        if matches!(self.plane, Plane::Half(..)) { SampleType::F16 } else { SampleType::F32 }
     }
 
     fn infer_level_modes(&self) -> (LevelMode, RoundingMode) {
@@ -169,6 +203,12 @@ impl<'slf, 'a: 'slf> WritableSamples<'slf> for Samples<'a> {
 impl SamplesWriter for Samples<'_> {
     fn extract_line(&self, line: exr::block::lines::LineRefMut<'_>) {
         let start = line.location.position.y() * self.width + line.location.position.x();
+        if let Plane::Half(values, channel) = self.plane {
+            for (value, bytes) in values[start..].iter().zip(line.value.chunks_exact_mut(2)) {
+                bytes.copy_from_slice(&value[channel].to_ne_bytes());
+            }
+            return;
+        }
         for (i, bytes) in line.value.chunks_exact_mut(4).enumerate() {
             // The library swaps to the file's byte order later.
             bytes.copy_from_slice(&self.plane.at(start + i).to_ne_bytes());
@@ -316,6 +356,7 @@ mod tests {
         page.std_err = layer(7).unwrap_or_default();
         page.coverage = (0..width * height).map(|i| value(i, 0) % 1.0).collect();
         if split {
+            page.filled = Some(Bits::of(width * height, |i| i % 3 == 1));
             page.direct = layer(11);
             page.indirect = layer(13);
         }
@@ -332,7 +373,10 @@ mod tests {
             write_page(&path, &page)?;
             verify(&path, &page)?;
             let back = read(&path)?;
-            assert_eq!(back.channels.len(), if split { 13 } else { 7 });
+            assert_eq!(back.channels.len(), if split { 14 } else { 7 });
+            let filled =
+                back.channel("filled").map(|c| c.values.iter().map(|v| *v == 1.0).collect::<Vec<_>>());
+            assert_eq!(filled, split.then(|| (0..width * height).map(|i| i % 3 == 1).collect()));
             assert_eq!(back.unit.as_deref(), Some(UNIT));
             assert_eq!(back.rgb("direct").is_some(), split);
         }

@@ -1,5 +1,6 @@
 //! A lightmap page in memory, and its figures.
 
+use super::stitch::Bits;
 use tables::format::manifest::ErrorFigure;
 
 /// One atlas page, row 0 at the top. All layers have `width * height` texels.
@@ -28,6 +29,8 @@ pub struct Page {
     pub noisy: Option<Vec<[f32; 3]>>,
     /// Estimated root mean squared error of `radiance` after denoising, nits, where it was denoised.
     pub rmse: Option<Vec<[f32; 3]>>,
+    /// Covered texels inside other geometry that were filled from their chart, where there are any.
+    pub filled: Option<Bits>,
 }
 
 impl Page {
@@ -46,6 +49,7 @@ impl Page {
             sh1: None,
             noisy: None,
             rmse: None,
+            filled: None,
         }
     }
 
