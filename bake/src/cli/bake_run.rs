@@ -80,10 +80,12 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
         manifest.exposure = Some(exposure);
         manifest.camera = Some(record::camera(&camera));
         let in_air = baked.light_grid.iter().map(|g| g.clamped);
-        let in_air = in_air.chain(baked.probes.iter().map(|p| p.grid.clamped)).sum::<u64>();
-        manifest.counts.half_overflows += in_air;
+        let in_air = in_air.chain(baked.probes.iter().map(|p| p.grid.clamped));
+        let in_air = in_air.chain(baked.media.iter().filter_map(|m| m.texture.as_ref()).map(|t| t.clamped));
+        manifest.counts.half_overflows += in_air.sum::<u64>() + baked.sky_clamped;
         manifest.counts.rejected_samples += baked.probes.iter().map(|p| p.rejected_samples).sum::<u64>();
         manifest.light_grid = baked.light_grid;
+        manifest.media = baked.media;
         manifest.probes = baked.probes;
         manifest.seams = plan.settings().seams.then(|| baked.seams.manifest());
         let (error, denoised) = (manifest.error, manifest.denoised);
@@ -164,6 +166,9 @@ struct Baked {
     gate: Gate,
     monitor: Monitor,
     light_grid: Option<tables::format::manifest::LightGrid>,
+    media: Vec<tables::format::manifest::Medium>,
+    /// Values of the sky's image that half floats cannot hold.
+    sky_clamped: u64,
     probes: Vec<tables::format::manifest::Probes>,
     seams: stitch::Figures,
 }
@@ -178,6 +183,8 @@ impl Job<'_> {
             gate: Gate::default(),
             monitor: Monitor::default(),
             light_grid: None,
+            media: Vec::new(),
+            sky_clamped: 0,
             probes: Vec::new(),
             seams: stitch::Figures::default(),
         };
@@ -190,9 +197,15 @@ impl Job<'_> {
         if let Some(grid) = &grid {
             let light = all_light(&kernel, grid, settings.seed);
             let origin = self.plan.tracing().world.origin;
-            baked.light_grid = Some(output::light_grid::write(self.staging, grid, origin, &light)?);
+            baked.light_grid = Some(output::light_grid::write(self.staging, grid, origin, light)?);
         }
         self.watch.lap("light grid");
+        baked.media = output::media::write(self.plan, self.staging)?;
+        for texture in baked.media.iter().filter_map(|m| m.texture.as_ref()) {
+            say_clamped(&texture.file, texture.clamped, "densities", "lower the density and raise sigma");
+        }
+        baked.sky_clamped = output::sky::write(self.staging, &self.plan.scene().sky)?;
+        self.watch.lap("media and sky");
         let cache = self.cache(&kernel, &baked.monitor)?;
         // Whether no light at all reaches a side is a question to paths alone.
         let unbiased = kernel;
@@ -472,6 +485,14 @@ impl Job<'_> {
         )?;
         self.watch.lap("preview");
         Ok((exposure, camera))
+    }
+}
+
+/// Says that values of a file were too great for half floats, if there are any.
+fn say_clamped(file: &str, clamped: u64, what: &str, fix: &str) {
+    if 0 < clamped {
+        let what = format!("{clamped} {what} exceed 65504, the greatest half float, and are clamped");
+        say::findings(&[Finding::warning(file, what, fix)], false);
     }
 }
 

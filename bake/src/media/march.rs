@@ -104,7 +104,7 @@ impl<'a> March<'a> {
     }
 
     /// Calls `visit` with begin, end and density of each piece of constant density, until it says no.
-    fn pieces(&self, from: f32, to: f32, mut visit: impl FnMut(f64, f64, f64) -> bool) {
+    pub(crate) fn pieces(&self, from: f32, to: f32, mut visit: impl FnMut(f64, f64, f64) -> bool) {
         self.walk(from, to, |cell, corner, t0, t1| match self.voxels.brick(cell) {
             Brick::Constant(0.0) => true,
             Brick::Constant(density) => visit(t0, t1, f64::from(density)),

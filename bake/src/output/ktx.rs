@@ -19,6 +19,8 @@ pub enum Format {
     Bc6hUfloat,
     /// Four half floats.
     Rgba16f,
+    /// One half float.
+    R16f,
     /// Red, green and blue with 9 bits each and one exponent, see [`rgb9e5`].
     Rgb9e5,
 }
@@ -30,6 +32,7 @@ impl Format {
         match self {
             Self::Bc6hUfloat => ktx2::Format::BC6H_UFLOAT_BLOCK,
             Self::Rgba16f => ktx2::Format::R16G16B16A16_SFLOAT,
+            Self::R16f => ktx2::Format::R16_SFLOAT,
             Self::Rgb9e5 => ktx2::Format::E5B9G9R9_UFLOAT_PACK32,
         }
     }
@@ -39,7 +42,7 @@ impl Format {
     pub const fn block(self) -> usize {
         match self {
             Self::Bc6hUfloat => 4,
-            Self::Rgba16f | Self::Rgb9e5 => 1,
+            Self::Rgba16f | Self::R16f | Self::Rgb9e5 => 1,
         }
     }
 
@@ -49,6 +52,7 @@ impl Format {
         match self {
             Self::Bc6hUfloat => 16,
             Self::Rgba16f => 8,
+            Self::R16f => 2,
             Self::Rgb9e5 => 4,
         }
     }
@@ -323,11 +327,17 @@ impl Half {
 pub enum Texels<'a> {
     /// [`Format::Rgba16f`].
     Rgba16f(&'a [[f16; 4]]),
+    /// [`Format::R16f`].
+    R16f(&'a [f16]),
     /// [`Format::Rgb9e5`], as [`rgb9e5`] packs colours.
     Rgb9e5(&'a [u32]),
 }
 
-/// The file of a three-dimensional texture: irradiance volumes of engines, light in media.
+/// What volumes in the scene's axes say of themselves: right, up and out of the screen is how glTF's axes point.
+pub(super) const VOLUME_TEXTS: &[(&str, &str)] =
+    &[("KTXorientation", "ruo"), ("KTXwriter", concat!("bake ", env!("CARGO_PKG_VERSION")))];
+
+/// The file of a three-dimensional texture: irradiance volumes of engines, light and densities of media.
 ///
 /// # Errors
 /// If there are not as many texels as `size` says.
@@ -339,12 +349,14 @@ pub fn volume(
 ) -> io::Result<Vec<u8>> {
     let format = match texels {
         Texels::Rgba16f(_) => Format::Rgba16f,
+        Texels::R16f(_) => Format::R16f,
         Texels::Rgb9e5(_) => Format::Rgb9e5,
     };
     let texture = Texture { format, shape: Shape::Volume(size), packing, texts };
     let mut out = Cursor::new(Vec::new());
     texture.write(&mut out, |out| match texels {
         Texels::Rgba16f(list) => pieces(out, list, |t| t.map(|v| v.to_le_bytes()).concat()),
+        Texels::R16f(list) => pieces(out, list, |t| t.to_le_bytes().to_vec()),
         Texels::Rgb9e5(list) => pieces(out, list, |t| t.to_le_bytes().to_vec()),
     })?;
     Ok(out.into_inner())
@@ -429,6 +441,13 @@ mod tests {
                     v
                 }),
             ),
+            // Model RGBSDA; single texels; 2 bytes; one sample of 16 bits, signed float, -1 to 1.
+            (
+                Format::R16f,
+                76,
+                2,
+                vec![0x0001_0101, 0, 2, 0, 15 << 16 | 0xc0 << 24, 0, 0xbf80_0000, 0x3f80_0000],
+            ),
         ] {
             for packing in [Packing::Stored, Packing::Zstd(1)] {
                 for shape in [Shape::Flat([5, 6]), Shape::Array([5, 6], 3), Shape::Volume([5, 6, 2])] {
@@ -457,7 +476,7 @@ mod tests {
                     let got: Vec<u32> = (0..words.len()).map(|i| word(at + 12 + 4 * i)).collect();
                     assert_eq!(got, words, "{format:?}: {got:x?}");
                     let begin = u64::from(dfd + total + 44);
-                    let aligned = begin.next_multiple_of(format.bytes() as u64);
+                    let aligned = begin.next_multiple_of(format.bytes().max(4) as u64);
                     let begin = if packing == Packing::Stored { aligned } else { begin };
                     assert_eq!(long(80), begin);
                     assert_eq!(long(80) + long(88), out.len() as u64);

@@ -7,7 +7,10 @@
 //! are there twice, so that linear filtering never mixes blocks. Graphics cards take 2,048 slices, mostly: a lattice of more than 290 nodes along z, as of very long
 //! corridors, is beyond that. The manifest says where nodes are, see [`manifest::LightGrid`].
 //!
-//! The light is all that arrives, emitted, reflected or scattered, but the direct light of lights that the game adds itself. What a view ray with the direction d (away from the eye)
+//! The light is all that arrives, emitted, reflected or scattered, but the direct light of lights that the game adds itself. Where lamps or suns are baked, there is a second
+//! texture of the same layout, `light-grid.indirect.ktx2`: the same light without what lamps and suns of the scene bring straight away, but with what emissive surfaces do. A game that
+//! adds lamps to its fog along each ray, with shadow maps, takes it in place of the first; a lattice is too coarse for the edges of beams. Both are of the same rays, so that their difference
+//! is the lamps' light. Without such lights both would be alike, and there is one. What a view ray with the direction d (away from the eye)
 //! gains per metre is sigma_s times the sum of coefficients, those of band l times g^l, times the harmonics of d; where g is above 0 see
 //! [`crate::media::Media::smoothed`] for why lights are a little stronger behind media. In WGSL:
 //!
@@ -33,6 +36,7 @@ use crate::error::{Error, Result};
 use crate::output::folder::Staging;
 use crate::output::ktx::{self, Half, Packing, Texels};
 use crate::scene::model::Rgb;
+use crate::solve::light_grid::{AllLight, Nodes};
 use crate::transport::light_grid::{COEFFICIENTS, LightGrid};
 use glam::{UVec3, Vec3};
 use half::f16;
@@ -41,10 +45,13 @@ use tables::format::manifest;
 /// Name of the file.
 pub const FILE: &str = "light-grid.ktx2";
 
+/// Name of the file without the straight light of lamps and suns.
+pub const INDIRECT_FILE: &str = "light-grid.indirect.ktx2";
+
 /// Blocks of slices.
 const BLOCKS: u32 = 7;
 
-/// Writes the texture of a grid whose nodes hold `light`; what the manifest says of it.
+/// Writes the textures of a grid whose nodes hold `light`, which is given back as soon as it is in a file; what the manifest says of them.
 ///
 /// # Errors
 /// [`crate::error::Error::Io`] if it cannot be written.
@@ -52,27 +59,37 @@ pub fn write(
     staging: &Staging,
     grid: &LightGrid,
     world_origin: Vec3,
-    light: &[Option<[Rgb; COEFFICIENTS]>],
+    AllLight { all, indirect }: AllLight,
 ) -> Result<manifest::LightGrid> {
     let size = grid.size();
-    let slices = size.z + 2;
-    let (texels, clamped) = texels(size, light);
-    let depth = slices * BLOCKS;
-    // Right, up and out of the screen is how glTF's axes point.
-    let texts = [("KTXorientation", "ruo"), ("KTXwriter", concat!("bake ", env!("CARGO_PKG_VERSION")))];
-    let texels = Texels::Rgba16f(&texels);
-    let file = ktx::volume([size.x, size.y, depth], texels, Packing::Stored, &texts)
-        .map_err(Error::io(staging.path(FILE), "cannot write"))?;
-    staging.write(FILE, file)?;
+    let inside = all.iter().filter(|l| l.is_none()).count() as u64;
+    let mut clamped = write_nodes(staging, FILE, size, all)?;
+    let second = indirect.is_some();
+    if let Some(indirect) = indirect {
+        clamped += write_nodes(staging, INDIRECT_FILE, size, indirect)?;
+    }
     Ok(manifest::LightGrid {
         file: FILE.to_owned(),
+        indirect: second.then(|| INDIRECT_FILE.to_owned()),
         size: size.to_array(),
-        slices,
+        slices: size.z + 2,
         first: (world_origin + Vec3::from(grid.node(0))).to_array(),
         cell: Vec3::from(grid.cell()).to_array(),
-        inside: light.iter().filter(|l| l.is_none()).count() as u64,
+        inside,
         clamped,
     })
+}
+
+/// Writes one texture; how many values were too great for it.
+fn write_nodes(staging: &Staging, name: &str, size: UVec3, light: Nodes) -> Result<u64> {
+    let (texels, clamped) = texels(size, &light);
+    drop(light);
+    let depth = (size.z + 2) * BLOCKS;
+    let texels = Texels::Rgba16f(&texels);
+    let file = ktx::volume([size.x, size.y, depth], texels, Packing::Stored, ktx::VOLUME_TEXTS)
+        .map_err(Error::io(staging.path(name), "cannot write"))?;
+    staging.write(name, file)?;
+    Ok(clamped)
 }
 
 /// Half floats, and how many were too great for them.

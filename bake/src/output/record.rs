@@ -5,6 +5,7 @@ use crate::geom::atlas::Unwrap;
 use crate::output::denoise::DenoiseStats;
 use crate::output::dilate::Filled;
 use crate::output::page::PageStats;
+use crate::output::sky;
 use crate::output::texture;
 use crate::output::view;
 use crate::plan::Plan;
@@ -12,6 +13,7 @@ use crate::plan::settings::TextureFormat;
 use crate::scene::document::InputFile;
 use crate::scene::model::{Camera, LightKind, LightMode, Projection, Sky};
 use crate::solve::accumulate::Gate;
+use glam::Vec3;
 use tables::format::manifest::{self, Counts, Input, Manifest, Rect, Samples};
 
 /// File of page `n`.
@@ -77,7 +79,7 @@ pub fn manifest(plan: &Plan, inputs: &[InputFile], pages: &[PageFigures], gate: 
     m.pages = pages.iter().enumerate().map(|(i, p)| page(plan, i, p)).collect();
     m.surfaces = surfaces(plan);
     m.lights = lights(plan);
-    m.sky = sky(&plan.scene().sky, inputs);
+    m.sky = sky_of(&plan.scene().sky, inputs);
     m.findings = plan.findings().iter().map(finding).collect();
     if pages.iter().any(|p| !p.rounds.is_empty()) {
         m.settings.insert("rounds".to_owned(), pages.iter().map(|p| p.rounds.clone()).collect());
@@ -183,19 +185,14 @@ fn lights(plan: &Plan) -> Vec<manifest::Light> {
         LightMode::Mixed => manifest::LightMode::Mixed,
         LightMode::Dynamic => manifest::LightMode::Dynamic,
     };
-    let kind = |k: &LightKind| match k {
-        LightKind::Point { .. } => "point",
-        LightKind::Spot { .. } => "spot",
-        LightKind::Directional { .. } => "directional",
-    };
     let mut list: Vec<manifest::Light> = scene
         .lights
         .iter()
         .map(|l| manifest::Light {
             path: l.path.clone(),
             node: l.node,
-            kind: kind(&l.kind).to_owned(),
             mode: mode(l.mode),
+            ..punctual(&l.kind)
         })
         .collect();
     for s in &scene.surfaces {
@@ -206,13 +203,45 @@ fn lights(plan: &Plan) -> Vec<manifest::Light> {
                 node: Some(s.node),
                 kind: "emissive".to_owned(),
                 mode: manifest::LightMode::Baked,
+                ..manifest::Light::default()
             });
         }
     }
     list
 }
 
-fn sky(sky: &Sky, inputs: &[InputFile]) -> manifest::Sky {
+/// Kind and numbers of a light, as far as JSON has words for these.
+fn punctual(kind: &LightKind) -> manifest::Light {
+    let of = |v: Vec3| v.is_finite().then(|| v.to_array());
+    match *kind {
+        LightKind::Point { position, intensity, range } => manifest::Light {
+            kind: "point".to_owned(),
+            position: of(position),
+            intensity: of(intensity),
+            range: range.filter(|r| r.is_finite()),
+            ..manifest::Light::default()
+        },
+        LightKind::Spot { position, direction, intensity, range, inner_cone, outer_cone } => {
+            manifest::Light {
+                kind: "spot".to_owned(),
+                position: of(position),
+                direction: of(direction),
+                intensity: of(intensity),
+                range: range.filter(|r| r.is_finite()),
+                cone: Some([inner_cone, outer_cone]),
+                ..manifest::Light::default()
+            }
+        }
+        LightKind::Directional { direction, illuminance, .. } => manifest::Light {
+            kind: "directional".to_owned(),
+            direction: of(direction),
+            intensity: of(illuminance),
+            ..manifest::Light::default()
+        },
+    }
+}
+
+fn sky_of(sky: &Sky, inputs: &[InputFile]) -> manifest::Sky {
     match sky {
         Sky::Black => manifest::Sky::Black,
         Sky::Uniform(l) => manifest::Sky::Uniform { radiance: l.to_array() },
@@ -225,6 +254,7 @@ fn sky(sky: &Sky, inputs: &[InputFile]) -> manifest::Sky {
             let is_image = |f: &&InputFile| f.path.ends_with(".hdr") || f.path.ends_with(".exr");
             manifest::Sky::Image {
                 path: inputs.iter().find(is_image).map_or_else(String::new, |f| f.path.clone()),
+                file: Some(sky::FILE.to_owned()),
                 scale: *scale,
                 rotation: rotation.to_array(),
             }

@@ -9,9 +9,9 @@ use super::Plan;
 use crate::geom::atlas::{Atlas, Layout, NO_CHART};
 use crate::geom::cells;
 use crate::geom::world::World;
-use crate::plan::settings::{Denoise, Sampling, TextureFormat};
+use crate::plan::settings::{Denoise, MediaMode, Sampling, TextureFormat};
 use crate::scene::document::Document;
-use crate::scene::model::{Image, Mesh, ProbeBox};
+use crate::scene::model::{Density, Image, Medium, Mesh, ProbeBox, Region, Sky};
 use glam::Vec2;
 use serde::Serialize;
 
@@ -36,6 +36,8 @@ pub struct Memory {
     pub grid: u64,
     /// Finding the places of the irradiance cache; the filled cache counts with the stages behind it.
     pub cache: u64,
+    /// Writing what media are, and the sky.
+    pub surroundings: u64,
     /// Finding and filling light probes.
     pub probes: u64,
     /// The most that gathering a page needs, with the pages before it.
@@ -83,6 +85,12 @@ const PER_TEXEL_PLANNED: u64 = 4;
 
 /// Bytes per texel of a page in memory: radiance and standard error (12 each), coverage (4).
 const PER_TEXEL: u64 = 28;
+
+/// Texels whose flag of having been filled takes a byte.
+const FLAGS: u64 = 8;
+
+/// Bytes of that flag per texel in a file.
+const PER_TEXEL_FLAGGED: u64 = 4;
 
 /// Bytes per texel of `direct` and `indirect`.
 const PER_TEXEL_SPLIT: u64 = 24;
@@ -200,26 +208,28 @@ impl Memory {
             let found = directed * load.covered;
             let denoised = if denoises { PER_DENOISED * load.covered } else { 0 };
             let solved = map + PER_SOLVED * load.covered + planned.max(found + denoised);
-            let assembled = map + found + (per_texel + PER_TEXEL_FLAGS) * load.texels;
-            let dilated = (per_texel + PER_TEXEL_DILATED) * load.texels + PER_BORDER * load.border;
+            let flags = load.texels / FLAGS;
+            let assembled = map + found + flags + (per_texel + PER_TEXEL_FLAGS) * load.texels;
+            let dilated = flags + (per_texel + PER_TEXEL_DILATED) * load.texels + PER_BORDER * load.border;
             // The EXR library holds a block for each thread and two more, raw, sorted and compressed.
-            let blocks = (rayon::current_num_threads() as u64 + 2) * 3 * EXR_ROWS * load.width * per_texel;
+            let row = load.width * (per_texel + PER_TEXEL_FLAGGED);
+            let blocks = (rayon::current_num_threads() as u64 + 2) * 3 * EXR_ROWS * row;
             let images = PER_TEXEL_IMAGE * load.texels + PER_COVERED_IMAGE * load.covered;
             let texture = (per_packed * load.texels).min(TEXTURE) + per_packed * TEXTURE_ROWS * load.width;
             let writing = images.max(blocks).max(texture);
-            let written = per_texel * load.texels + writing;
+            let written = flags + per_texel * load.texels + writing;
             gather = gather.max(kept + solved);
             write = write.max(kept + assembled.max(dilated).max(written));
             let stitched = (STITCHED_PER_PLACE * places).min(load.texels);
             let solving = PER_PLACE * places + PER_STITCHED * stitched;
             if waiting {
                 // Whole pages wait until all are there, and are then written one after the other.
-                kept += per_texel * load.texels;
+                kept += flags + per_texel * load.texels;
                 solved_together += solving;
                 written_last = written_last.max(writing);
                 stitch = kept + solved_together.max(written_last);
             } else {
-                stitch = stitch.max(kept + per_texel * load.texels + solving);
+                stitch = stitch.max(kept + flags + per_texel * load.texels + solving);
                 kept += PER_TEXEL_KEPT * load.texels;
             }
         }
@@ -238,6 +248,7 @@ impl Memory {
             seams: seams.bytes_to_find() as u64,
             grid: fill,
             cache: grid + find,
+            surroundings: grid + surroundings_bytes(plan),
             probes: grid + filled + probe_bytes(plan),
             gather,
             write,
@@ -251,7 +262,8 @@ impl Memory {
     #[must_use]
     pub fn peak(&self) -> u64 {
         let pages = self.gather.max(self.write).max(self.stitch);
-        let stages = self.seams.max(self.grid).max(self.cache).max(self.probes).max(pages).max(self.export);
+        let stages = self.seams.max(self.grid).max(self.cache).max(self.surroundings);
+        let stages = stages.max(self.probes).max(pages).max(self.export);
         self.program
             + self.scene
             + self.unwrap
@@ -269,7 +281,10 @@ pub(crate) const PER_NODE: u64 = 108;
 /// What lists of links and what cells know take beside, a node.
 const PER_NODE_FILLED: u64 = 96;
 
-/// While the light grid is filled, and when it is.
+/// Light of both textures of a node while they are written: of each from all sides (112), of one as half floats, and its file as that grows.
+const PER_NODE_WRITTEN: u64 = 2 * 112 + 3 * 64;
+
+/// While the light grid is filled or written, and when it is.
 fn grid_bytes(plan: &Plan) -> (u64, u64) {
     let media = plan.tracing().media.as_ref().filter(|m| m.scatters());
     let Some((fineness, media)) = plan.settings().light_grid().zip(media) else { return (0, 0) };
@@ -278,7 +293,57 @@ fn grid_bytes(plan: &Plan) -> (u64, u64) {
     // Light of two steps and their difference beside the links.
     let links = u64::from(fineness.paths) * media.channels() as u64;
     let filling = nodes * (links * PER_LINK + 4 * PER_NODE + PER_NODE_FILLED);
-    (filling, nodes * (PER_NODE + PER_NODE_FILLED))
+    let filled = nodes * (PER_NODE + PER_NODE_FILLED);
+    (filling.max(filled + nodes * PER_NODE_WRITTEN), filled)
+}
+
+/// Texels of the density of a medium along an axis, at most; `crate::output::media` makes them.
+pub(crate) const MOST_DENSITIES: u32 = 128;
+
+/// A texel of a density: as it is found, as a half float, and in its file as that grows.
+const PER_DENSITY: u64 = 4 + 2 + 6;
+
+/// A column of such texels.
+const PER_DENSITIES: u64 = 40;
+
+/// A triangle around a medium: its corners (40) twice, its part of the tree (64) and of what that is built from, as for [`BUILD_PER_TRIANGLE`].
+const PER_ENCLOSING: u64 = 2 * 40 + 64 + 32 + 96 + 32 + 96 + 8;
+
+/// Texels of the sky's image along a row, at most; `crate::output::sky` makes them.
+pub(crate) const MOST_SKY: usize = 2048;
+
+/// A texel of that image, as it is and as half floats.
+const PER_SKY: u64 = 12 + 6;
+
+/// The textures of media one after the other, and the image of the sky.
+fn surroundings_bytes(plan: &Plan) -> u64 {
+    let medium = |m: &Medium| {
+        let side = u64::from(MOST_DENSITIES);
+        let limited = |n: u32| u64::from(n).min(side);
+        let texels = match (&m.density, &m.region) {
+            (Density::Voxels { values, .. }, _) => values.size().to_array().map(limited),
+            (_, Region::Mesh(_)) => [side; 3],
+            _ => [0; 3],
+        };
+        let triangles = match &m.region {
+            Region::Mesh(shell) => shell.triangles.len() as u64,
+            _ => 0,
+        };
+        let [x, y, z] = texels;
+        PER_DENSITY * x * y * z + PER_DENSITIES * x * y + PER_ENCLOSING * triangles
+    };
+    let acting = plan.settings().media != MediaMode::Off;
+    let media = plan.scene().media.iter().filter(|_| acting).map(medium).max().unwrap_or(0);
+    let sky = match &plan.scene().sky {
+        Sky::Image { width, height, .. } => {
+            let columns = (*width).min(MOST_SKY).max(1);
+            let rows = (height * columns).div_ceil((*width).max(1));
+            let blocks = (rayon::current_num_threads() as u64 + 2) * 3 * EXR_ROWS * columns as u64 * 6;
+            PER_SKY * columns as u64 * rows as u64 + blocks
+        }
+        _ => 0,
+    };
+    media.max(sky)
 }
 
 /// A light probe while it is gathered and written: place, light twice, figures, its part of bricks and of what cells know.
@@ -518,6 +583,7 @@ mod tests {
             seams: 0,
             grid: 0,
             cache: 0,
+            surroundings: 0,
             gather: 0,
             write: 0,
             stitch: 0,

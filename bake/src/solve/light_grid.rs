@@ -36,7 +36,7 @@ use crate::scene::model::Rgb;
 use crate::solve::Monitor;
 use crate::transport::Kernel;
 use crate::transport::airlight::{Link, Links, in_air};
-use crate::transport::lamps::Patches;
+use crate::transport::lamps::{Patches, Straight};
 use crate::transport::light_grid::{COEFFICIENTS, LightGrid, Seen, dot, harmonics, scattering};
 use glam::{Quat, Vec3, Vec3A};
 use rayon::prelude::*;
@@ -153,34 +153,54 @@ const LOOKS: u32 = 16;
 /// A node that sees so many backs of surfaces is inside of something.
 const BACKS: usize = LOOKS as usize / 4;
 
-/// Radiance at the nodes with what suns, lamps and emissive surfaces bring straight away, as far as the game does not add it: what a shader needs to light fog. `None` for
-/// nodes inside of solid things.
+/// Radiance at nodes; `None` for those inside of solid things.
+pub type Nodes = Vec<Option<[Rgb; COEFFICIENTS]>>;
+
+/// What a shader needs to light fog.
+#[derive(Clone, Debug)]
+pub struct AllLight {
+    /// With what suns, lamps and emissive surfaces bring straight away, as far as the game does not add it.
+    pub all: Nodes,
+    /// Without what suns and lamps bring straight away; `None` where none of them is baked, so that this would be the same.
+    pub indirect: Option<Nodes>,
+}
+
+/// Radiance at the nodes with what comes straight away. Both sets are of the same rays, so that their difference is what suns and lamps bring and no noise.
 #[must_use]
-pub fn all_light(kernel: &Kernel<'_>, grid: &LightGrid, seed: u64) -> Vec<Option<[Rgb; COEFFICIENTS]>> {
+pub fn all_light(kernel: &Kernel<'_>, grid: &LightGrid, seed: u64) -> AllLight {
     let directions = directions(LOOKS);
-    (0..grid.len())
+    let lights = kernel.lights;
+    let punctual =
+        lights.suns.iter().any(|s| !s.indirect_only) || lights.punctual.iter().any(|l| !l.indirect_only);
+    let (all, indirect): (Nodes, Nodes) = (0..grid.len())
         .into_par_iter()
         .map(|node| {
             let backs = |d: &&Vec3A| kernel.meets_back(grid.node(node), **d);
             if BACKS < directions.iter().filter(backs).count() {
-                return None;
+                return (None, None);
             }
             let key = sequence::key(seed, DOMAIN ^ 0xff00, node as u64);
             let mut light = *grid.light(node);
+            let mut indirect = light;
             for place in 0..PLACES {
                 let mut sequence = Sequence::new(key, place);
                 let [a, b, c, _] = sequence.next4();
                 let p = kernel.near_node(grid, node, [a, b, c], &mut 0);
                 let media = Some(grid.media());
-                kernel.straight_to(media, Patches::All, p, &mut sequence, &mut 0, |wi, illuminance| {
-                    for (sum, y) in light.iter_mut().zip(harmonics(wi)) {
-                        *sum += illuminance * (y / PLACES as f32);
+                kernel.straight_to(media, Patches::All, p, &mut sequence, &mut 0, |of, wi, illuminance| {
+                    for ((sum, indirect), y) in light.iter_mut().zip(&mut indirect).zip(harmonics(wi)) {
+                        let more = illuminance * (y / PLACES as f32);
+                        *sum += more;
+                        if of == Straight::Patch {
+                            *indirect += more;
+                        }
                     }
                 });
             }
-            Some(light)
+            (Some(light), punctual.then_some(indirect))
         })
-        .collect()
+        .unzip();
+    AllLight { all, indirect: punctual.then_some(indirect) }
 }
 
 /// Where air is asked for its light: around the media, as far as there are surfaces and a little beyond; around the surfaces, where no media are given.

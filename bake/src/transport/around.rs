@@ -98,7 +98,7 @@ impl Kernel<'_> {
         if let Some(weight) = straight {
             // Paths through media find emissive surfaces by chance, and others find those that are near.
             let patches = if scattering.is_some() { Patches::None } else { Patches::Far };
-            self.straight_to(self.media, patches, p, sequence, rays, |wi, illuminance| {
+            self.straight_to(self.media, patches, p, sequence, rays, |_, wi, illuminance| {
                 visit(wi, illuminance * weight);
             });
         }

@@ -50,6 +50,15 @@ pub(crate) enum Patches {
     Far,
 }
 
+/// What brings light straight to a place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Straight {
+    /// A sun or a lamp.
+    Punctual,
+    /// A small emissive surface.
+    Patch,
+}
+
 /// A lamp, or a place on an emissive surface that stands for all of it, with its number among the lights that media see.
 enum Lamp<'a> {
     Punctual(usize, &'a Punctual),
@@ -351,7 +360,7 @@ impl Kernel<'_> {
         Some((Incident { wi, distance, illuminance }, distance - 2.0 * offset))
     }
 
-    /// Light that comes straight to a place in the air, a direction and an illuminance each, lux: of suns, of lamps and, as `patches` says, of emissive surfaces that grids do not hold.
+    /// Light that comes straight to a place in the air, what it is of, a direction and an illuminance each, lux: of suns, of lamps and, as `patches` says, of emissive surfaces that grids do not hold.
     /// Media weaken it. Lights whose direct part the game adds are left out. Of many one stands for all.
     pub(crate) fn straight_to(
         &self,
@@ -360,20 +369,20 @@ impl Kernel<'_> {
         p: Vec3A,
         sequence: &mut Sequence,
         rays: &mut u32,
-        mut visit: impl FnMut(Vec3A, Rgb),
+        mut visit: impl FnMut(Straight, Vec3A, Rgb),
     ) {
         let l = self.lights;
-        let mut see = |light: &Incident, reach: f32, weight: f32, rays: &mut u32| {
+        let mut see = |of: Straight, light: &Incident, reach: f32, weight: f32, rays: &mut u32| {
             let left = self.unblocked(&in_air(p), light.wi, reach, rays);
             if left != Vec3::ZERO {
                 let through = media.map_or(Vec3::ONE, |m| m.transmittance(p, light.wi, light.distance));
-                visit(light.wi, light.illuminance * left * through * weight);
+                visit(of, light.wi, light.illuminance * left * through * weight);
             }
         };
         let [a, b, c, d] = sequence.next4();
         let [e, f, _, _] = sequence.next4();
         for sun in l.suns.iter().filter(|s| !s.indirect_only) {
-            see(&sun.sample([a, b]), f32::INFINITY, 1.0, rays);
+            see(Straight::Punctual, &sun.sample([a, b]), f32::INFINITY, 1.0, rays);
         }
         let lamps =
             || l.punctual.iter().filter(|lamp| !lamp.indirect_only).filter_map(|lamp| lamp.incident(p));
@@ -385,11 +394,11 @@ impl Kernel<'_> {
                 && !l.punctual[i].indirect_only
                 && let Some(light) = l.punctual[i].incident(p)
             {
-                see(&light, reach(p, light.wi * light.distance), 1.0 / chance, rays);
+                see(Straight::Punctual, &light, reach(p, light.wi * light.distance), 1.0 / chance, rays);
             }
         } else if l.punctual.len() <= FEW {
             for light in lamps() {
-                see(&light, reach(p, light.wi * light.distance), 1.0, rays);
+                see(Straight::Punctual, &light, reach(p, light.wi * light.distance), 1.0, rays);
             }
         } else {
             let all: f32 = lamps().map(|light| luminance(light.illuminance)).sum();
@@ -398,7 +407,8 @@ impl Kernel<'_> {
                 let weight = luminance(light.illuminance);
                 rest -= weight;
                 if rest < 0.0 {
-                    see(&light, reach(p, light.wi * light.distance), all / weight, rays);
+                    let far = reach(p, light.wi * light.distance);
+                    see(Straight::Punctual, &light, far, all / weight, rays);
                     break;
                 }
             }
@@ -415,7 +425,7 @@ impl Kernel<'_> {
                 let [w, ..] = sequence.next4();
                 let at = l.emitters.point_on(k, 1.0, [f, w]);
                 if let Some((light, reach)) = self.patch_at(&at, p) {
-                    see(&light, reach, 1.0 / chance, rays);
+                    see(Straight::Patch, &light, reach, 1.0 / chance, rays);
                 }
             }
             return;
@@ -431,7 +441,7 @@ impl Kernel<'_> {
             let [w, ..] = sequence.next4();
             let at = l.emitters.sample_group(&groups[i], e, [f, w]);
             if let Some((light, reach)) = self.patch_at(&at, p) {
-                see(&light, reach, 1.0 / chance, rays);
+                see(Straight::Patch, &light, reach, 1.0 / chance, rays);
             }
         }
     }

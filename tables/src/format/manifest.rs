@@ -106,6 +106,9 @@ pub struct Manifest {
     /// Light in participating media, where it was found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub light_grid: Option<LightGrid>,
+    /// What fills the air, unless media were left out of the bake; empty where nothing scatters or absorbs.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub media: Vec<Medium>,
     /// Seams between charts and what stitching did to them, if it was asked for. All errors and means elsewhere are
     /// those of the light before.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -356,6 +359,10 @@ impl Default for Projection {
 pub struct LightGrid {
     /// File name of the texture.
     pub file: String,
+    /// File name of a second texture like it, without what lamps and suns bring straight away; absent where none of them is baked, so that both would be
+    /// the same. For games that add lamps to their fog themselves, with shadow maps.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub indirect: Option<String>,
     /// Nodes along x, y and z.
     pub size: [u32; 3],
     /// Slices of one of the texture's seven blocks along z.
@@ -366,7 +373,57 @@ pub struct LightGrid {
     pub cell: [f32; 3],
     /// Nodes inside of solid things, which hold nothing.
     pub inside: u64,
-    /// Values too great for a half float.
+    /// Values too great for a half float, in both files.
+    pub clamped: u64,
+}
+
+/// A participating medium: its coefficients are sigma times the density at a place, which is the product of all that follows.
+///
+/// Where media overlap, coefficients add, and the mean cosine is the mean of theirs weighed by scattering. Places are metres in the scene's axes.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Medium {
+    /// Where it stands in the scene.
+    pub path: String,
+    /// Scattering where the density is 1, per metre; at least 0.
+    pub sigma_s: [f32; 3],
+    /// Absorption where the density is 1, per metre; at least 0.
+    pub sigma_a: [f32; 3],
+    /// Mean cosine of scattering (Henyey-Greenstein), between -1 and 1.
+    pub g: f32,
+    /// The affine map from the world to the cube \[0, 1\]^3 that the medium is in, outside of which the density is 0: the three columns of its matrix, then the
+    /// translation. Absent: it is everywhere.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit_from_world: Option<[[f32; 3]; 4]>,
+    /// Density that falls with height.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub height: Option<HeightDensity>,
+    /// Density as a texture.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub texture: Option<DensityTexture>,
+}
+
+/// The density exp(-(y - base) / falloff) at the height y.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct HeightDensity {
+    /// Where it is 1, metres.
+    pub base: f32,
+    /// Over which it falls by a factor of e, metres; above 0.
+    pub falloff: f32,
+}
+
+/// The density of a [`Medium`] in a three-dimensional texture of one channel of half floats: means over texels.
+///
+/// Texel i lies at (i + 0.5) / size along each axis of the cube that `unit_from_world` leads to. A linear filter that repeats texels at the border keeps the medium's mass;
+/// outside of the cube the density is 0.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct DensityTexture {
+    /// File name: `medium-N.ktx2`, N is the index in [`Manifest::media`].
+    pub file: String,
+    /// Texels along the three axes of the cube, 1 to 128 each.
+    pub size: [u32; 3],
+    /// The affine map from the world to the cube \[0, 1\]^3 of the texture, as [`Medium::unit_from_world`].
+    pub unit_from_world: [[f32; 3]; 4],
+    /// Values too great for a half float, which are 65504.
     pub clamped: u64,
 }
 
@@ -478,7 +535,12 @@ pub struct SeamSteps {
 }
 
 /// One light and what was baked of it.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+///
+/// A lamp of the intensity I brings I w a / d^2 lux to a surface at the distance d that faces it. w is 1 - (d / range)^4, not below 0, or 1 without a
+/// range. Where rays leave the lamp at the angle t to its direction, a is the square of (cos t - cos outer) / (cos inner - cos outer), which is cut to 0 ... 1 and
+/// whose divisor is at least 0.001; 1 without a cone. A directional light brings its intensity everywhere. Numbers are those that were baked, after `--light-units`;
+/// emissive surfaces have none.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Light {
     /// Node names from the root.
     pub path: String,
@@ -489,6 +551,21 @@ pub struct Light {
     pub kind: String,
     /// What was baked.
     pub mode: LightMode,
+    /// Where it is, metres in the scene's axes; of points and spots.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub position: Option<[f32; 3]>,
+    /// Unit vector that its light travels along; of spots and directional lights.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub direction: Option<[f32; 3]>,
+    /// Linear Rec. 709, at least 0: candela of a point, candela on the axis of a spot, lux of a directional light on a surface that faces it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub intensity: Option<[f32; 3]>,
+    /// Where its light ends, metres, above 0; absent: nowhere.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub range: Option<f32>,
+    /// Angles between a spot's direction and where its fall-off begins and ends, radians, 0 to pi / 2.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cone: Option<[f32; 2]>,
 }
 
 /// Which part of a light was baked.
@@ -529,6 +606,10 @@ pub enum Sky {
     Image {
         /// Path as it was given.
         path: String,
+        /// File name of the image within the folder: half floats `R G B`, nits, at most 65504, not more than 2048 columns. It is in sky space: the top row is +Y, the
+        /// middle column looks along -Z, and +X is a quarter of the width to its right. `scale` is applied, `rotation` is not.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        file: Option<String>,
         /// Multiplier from the file's values to nits.
         scale: f32,
         /// Quaternion x, y, z, w from sky space to world.
@@ -609,6 +690,7 @@ impl Manifest {
             exposure: None,
             camera: None,
             light_grid: None,
+            media: Vec::new(),
             seams: None,
             probes: Vec::new(),
             files: Vec::new(),
@@ -818,6 +900,22 @@ mod tests {
             node: Some(3),
             kind: "directional".into(),
             mode: LightMode::Mixed,
+            direction: Some([0.0, -1.0, 0.0]),
+            intensity: Some([1e5, 9e4, 0.1]),
+            ..Light::default()
+        });
+        m.media.push(Medium {
+            path: "air".into(),
+            sigma_s: [0.1, 0.2, 0.3],
+            g: 0.7,
+            unit_from_world: Some([[1.0, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, 0.1], [0.5; 3]]),
+            height: Some(HeightDensity { base: -1.0, falloff: 2.5 }),
+            texture: Some(DensityTexture {
+                file: "medium-0.ktx2".into(),
+                size: [128, 1, 7],
+                ..DensityTexture::default()
+            }),
+            ..Medium::default()
         });
         m.sky = Sky::Gradient { zenith: [0.1, 0.2, 0.3], horizon: [1.0; 3], ground: [0.0; 3] };
         let steps = SeamSteps { rms_noise: 1.5, max_noise: 4.0, rms_relative: 0.25, max_relative: 0.5 };
