@@ -1,11 +1,15 @@
-//! `--media table` against what a medium without bounds does.
+//! `--media table` against what a medium without bounds does, and what a folder says of media, lamps and sky.
 
 #![expect(clippy::print_stdout, reason = "figures that are reported")]
 
+use glam::Mat3;
 use serde_json::json;
 use std::f64::consts::{FRAC_PI_2, PI};
-use suite::scenes::open;
+use suite::baked::{Baked, Page};
+use suite::scenes::{closed, open};
+use suite::shape::Shape;
 use suite::tool;
+use tables::format::manifest::{HeightDensity, Light, Medium, Sky};
 use tables::harmonics::zonal::{CLAMPED_COSINE, double_product};
 use tables::response::patch;
 use tables::response::quadrature::tanh_sinh;
@@ -158,6 +162,121 @@ fn a_square_in_endless_fog() {
             println!("{p:?} {n:?}: {got} +- {} wanted {want}, and {lamp} of the lamp", error[0]);
             assert!((got - want).abs() < allowed, "{p:?} {n:?}: {value:?} {want}");
         }
+    }
+}
+
+/// Signed volume of a closed shape, cubic metres.
+fn volume(shape: &Shape) -> f64 {
+    let six = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|i| shape.positions[i as usize].as_dvec3());
+        a.dot(b.cross(c))
+    };
+    shape.triangles.iter().map(six).sum::<f64>() / 6.0
+}
+
+/// The mass that a medium's texture has: its mean times its volume.
+fn mass(baked: &Baked, medium: &Medium) -> f64 {
+    let texture = medium.texture.as_ref().expect("a texture");
+    let reader = ktx2::Reader::new(&baked.files[&texture.file][..]).expect("a KTX2 file");
+    let h = reader.header();
+    assert_eq!(h.format, Some(ktx2::Format::R16_SFLOAT));
+    assert_eq!([h.pixel_width, h.pixel_height, h.pixel_depth], texture.size);
+    let data = reader.levels().next().expect("a level").data;
+    let values: Vec<f64> =
+        data.as_chunks::<2>().0.iter().map(|b| half::f16::from_le_bytes(*b).to_f64()).collect();
+    assert!(values.iter().all(|v| (0.0..=65504.0).contains(v)));
+    let matrix = Mat3::from_cols_array_2d(&[0, 1, 2].map(|i| texture.unit_from_world[i]));
+    values.iter().sum::<f64>() / values.len() as f64 / f64::from(matrix.determinant())
+}
+
+/// What a game needs to draw fog and lamps is in the folder: media of every kind with their mass, and lamps in the units that they are read in.
+#[test]
+fn folders_say_what_media_and_lamps_are() {
+    let few = ["--samples", "1", "--texels-per-metre", "2", "--grid-nodes", "64", "--probes", "off"];
+    let scene = open::all_media();
+    let baked = tool::baked(&scene, &few);
+    let [cloud, haze, grid] = &baked.manifest.media[..] else { panic!("{:?}", baked.manifest.media) };
+    assert_eq!(haze.height, Some(HeightDensity { base: 0.5, falloff: 2.0 }));
+    assert!(haze.unit_from_world.is_none() && haze.texture.is_none());
+    assert_eq!((haze.sigma_s, haze.sigma_a), ([0.01; 3], [0.0; 3]));
+    // Voxels of 0.5 x 1/3 x 1 m.
+    let want = (0..24u8).map(|i| f64::from(i % 5)).sum::<f64>() / 6.0;
+    assert!((mass(&baked, grid) / want - 1.0).abs() < 1e-3, "{} {want}", mass(&baked, grid));
+    let texture = grid.texture.as_ref().expect("a texture");
+    assert_eq!((texture.file.as_str(), texture.size), ("medium-2.ktx2", [2, 3, 4]));
+    assert_eq!(grid.unit_from_world, Some(texture.unit_from_world));
+    let want = volume(&open::ball());
+    println!("{} of {want} cubic metres", mass(&baked, cloud));
+    assert!((mass(&baked, cloud) / want - 1.0).abs() < 1e-3, "{} {want}", mass(&baked, cloud));
+    assert_eq!((cloud.path.as_str(), cloud.g, cloud.sigma_s), ("cloud", 0.5, [0.5, 0.25, 0.125]));
+    assert!(cloud.height.is_none() && cloud.unit_from_world.is_some());
+
+    let off = tool::baked(&scene, &[&few[..], &["--media", "off"]].concat());
+    assert!(off.manifest.media.is_empty() && !off.files.contains_key("medium-2.ktx2"));
+    let watts =
+        tool::baked(&scene, &[&few[..], &["--media", "off", "--light-units", "blender-raw"]].concat());
+    for (baked, candela, lux) in [(&off, 1.0, 1.0), (&watts, 683.0 / (4.0 * std::f32::consts::PI), 683.0)] {
+        let [point, spot, sun] = &baked.manifest.lights[..] else { panic!("{:?}", baked.manifest.lights) };
+        let is = |light: &Light, want: [f32; 3]| {
+            let got = light.intensity.expect("numbers");
+            assert!((0..3).all(|c| (got[c] / want[c] - 1.0).abs() < 1e-5), "{got:?} {want:?}");
+        };
+        is(point, [8.0, 4.0, 2.0].map(|v| v * candela));
+        is(spot, [4.0 * candela; 3]);
+        is(sun, [2.0 * lux; 3]);
+        assert_eq!((point.position, point.direction, point.cone), (Some([1.0, 1.5, -0.5]), None, None));
+        assert_eq!((spot.position, spot.cone), (Some([-1.0, 2.0, 0.0]), Some([0.25, 0.5])));
+        assert_eq!((sun.position, sun.range), (None, None));
+        for light in [spot, sun] {
+            let down = glam::Vec3::from(light.direction.expect("a direction"));
+            assert!((down + glam::Vec3::Y).length() < 1e-6, "{down}");
+        }
+    }
+}
+
+/// Texels below the block that stands on the floor lie inside of it, and pages say so; where no texel does, they do not.
+#[test]
+fn pages_say_which_texels_were_filled() {
+    let few = ["--samples", "1", "--texels-per-metre", "8", "--media", "off", "--probes", "off"];
+    let baked = tool::baked(&closed::room(closed::Room::default()), &few);
+    let filled = baked.manifest.counts.filled_texels;
+    assert!(0 < filled, "{:?}", baked.manifest.counts);
+    let mut marked = 0;
+    for page in &baked.pages {
+        let Some(flags) = page.channels.get("filled") else { continue };
+        for (flag, coverage) in flags.iter().zip(&page.channels["A"]) {
+            assert!(*flag == 0.0 || (*flag == 1.0 && 0.0 < *coverage), "{flag} {coverage}");
+            marked += u64::from(*flag == 1.0);
+        }
+    }
+    assert_eq!(marked, filled);
+    let clear = tool::baked(&open::under_sky(2.0, 1, [1.0; 3]), &few);
+    assert_eq!(clear.manifest.counts.filled_texels, 0);
+    assert!(!clear.pages[0].channels.contains_key("filled"));
+}
+
+/// The image of a sky is in the folder with its scale, and without its rotation.
+#[test]
+fn folders_hold_the_image_of_the_sky() {
+    let dir = tool::folder_with(&open::under_sky(2.0, 1, [1.0; 3]));
+    let image =
+        image::Rgb32FImage::from_fn(4, 2, |x, y| image::Rgb([f32::from(u8::from(x == 1)), y as f32, 0.5]));
+    image.save(dir.path().join("dome.hdr")).expect("saved");
+    let words = "sky = { file = \"dome.hdr\", scale = 3, rotation = 90 }\n";
+    std::fs::write(dir.path().join("sky.toml"), words).expect("a file");
+    let args = ["run", "scene.glb", "-o", "out", "--progress", "none", "--config", "sky.toml"];
+    let few = ["--samples", "1", "--texels-per-metre", "2", "--probes", "off"];
+    let _ = tool::bake(&[&args[..], &few].concat(), dir.path()).expect(0);
+    let baked = Baked::read(&dir.path().join("out")).expect("a bake");
+    let Sky::Image { file: Some(file), scale, .. } = &baked.manifest.sky else {
+        panic!("{:?}", baked.manifest.sky)
+    };
+    assert_eq!((file.as_str(), *scale), ("sky.exr", 3.0));
+    assert!(baked.manifest.files.iter().any(|f| f.name == *file));
+    let page = Page::read(&dir.path().join("out").join(file)).expect("an EXR");
+    for (x, y) in (0..2).flat_map(|y| (0..4).map(move |x| (x, y))) {
+        let want = glam::Vec3::new(f32::from(u8::from(x == 1)), y as f32, 0.5) * 3.0;
+        assert!((page.rgb("", x, y) - want).length() < 0.02, "{x} {y}: {}", page.rgb("", x, y));
     }
 }
 

@@ -26,7 +26,19 @@ struct Grid {
 impl Grid {
     fn of(baked: &Baked) -> Self {
         let m = baked.manifest.light_grid.as_ref().expect("a light grid in the manifest");
-        let reader = ktx2::Reader::new(&baked.files[&m.file][..]).expect("a KTX2 file");
+        Self::read(baked, &m.file)
+    }
+
+    /// The light without what lamps bring straight away.
+    fn indirect(baked: &Baked) -> Option<Self> {
+        let m = baked.manifest.light_grid.as_ref().expect("a light grid in the manifest");
+        assert_eq!(m.indirect.is_some(), baked.files.contains_key("light-grid.indirect.ktx2"));
+        m.indirect.as_ref().map(|file| Self::read(baked, file))
+    }
+
+    fn read(baked: &Baked, file: &str) -> Self {
+        let m = baked.manifest.light_grid.as_ref().expect("a light grid in the manifest");
+        let reader = ktx2::Reader::new(&baked.files[file][..]).expect("a KTX2 file");
         let h = reader.header();
         assert_eq!(h.format, Some(ktx2::Format::R16G16B16A16_SFLOAT));
         assert_eq!([h.pixel_width, h.pixel_height, h.pixel_depth], [m.size[0], m.size[1], 7 * m.slices]);
@@ -95,7 +107,8 @@ fn a_furnace_is_even() {
 fn a_lamp_shines_from_its_place() {
     let fog = json!({ "sigma_s": 1e-6, "sigma_a": 0.3, "box": { "min": [-3, -1, -2], "max": [3, 3, 2] } });
     let scene = open::lamp_in_fog(1.0, 100.0, &fog);
-    let grid = Grid::of(&tool::baked(&scene, &["--samples", "1", "--texels-per-metre", "1"]));
+    let baked = tool::baked(&scene, &["--samples", "1", "--texels-per-metre", "1"]);
+    let (grid, rest) = (Grid::of(&baked), Grid::indirect(&baked).expect("a second texture"));
     let lamp = Vec3::new(0.0, 1.0, 0.0);
     let (mut worst, mut n) = (0.0f32, 0);
     for node in grid.nodes() {
@@ -105,6 +118,7 @@ fn a_lamp_shines_from_its_place() {
             continue;
         }
         let light = grid.light(node, 1).expect("air");
+        assert!(rest.light(node, 1).expect("air").iter().all(|l| l.abs() < 1e-4 * light[0]), "{node}");
         let lux = 100.0 * (-0.3 * d).exp() / (d * d);
         let y = basis((to / d).to_array());
         for (l, y) in light.iter().zip(y) {
@@ -139,6 +153,35 @@ fn dark_rooms_stay_dark() {
     let mean = lit.iter().sum::<f32>() / lit.len() as f32;
     println!("{mean} in the light, {dark} in the dark, {solid} nodes in walls");
     assert!(100 < lit.len() && 1.0 < mean && dark < 1e-3 * mean && 0 < solid);
+}
+
+/// Lamps and suns add to the light that is there without them, and to nothing where nothing is; emissive surfaces count in both textures, so that without others there is one.
+#[test]
+fn what_lamps_bring_straight_away_is_left_out() {
+    let few = [&COARSE[..], &["--grid-nodes", "1024", "--probes", "off"]].concat();
+    let bake = |scene: &[u8]| tool::baked_in(scene, "{ sigma_s = 0.5, g = 0.3 }", &few);
+    let baked = bake(&closed::room(closed::Room::default()));
+    let (all, rest) = (Grid::of(&baked), Grid::indirect(&baked).expect("a second texture"));
+    let (mut sums, mut more, mut n) = ([0.0f64; 2], 0, 0);
+    for node in all.nodes() {
+        for channel in 0..3 {
+            let lights = [all.light(node, channel), rest.light(node, channel)];
+            let [Some(all), Some(rest)] = lights else {
+                assert!(lights[0].is_none() && lights[1].is_none(), "{node}");
+                continue;
+            };
+            assert!(0.0 <= rest[0] && rest[0] <= all[0], "{node}: {} of {}", rest[0], all[0]);
+            more += u32::from(rest[0] < all[0]);
+            n += 1;
+            sums[0] += f64::from(all[0]);
+            sums[1] += f64::from(rest[0]);
+        }
+    }
+    println!("lamps add to {more} of {n}, {} in all", sums[0] / sums[1] - 1.0);
+    assert!(n / 2 < more && sums[1] < 0.9 * sums[0] && 0.1 * sums[0] < sums[1], "{sums:?} {more} {n}");
+    // Without lamp and sun the panel and the sky are left, which both textures would have.
+    assert!(Grid::indirect(&bake(&closed::two_rooms(0.3))).is_none());
+    assert!(Grid::indirect(&bake(&closed::furnace(0.5, 1.0))).is_none());
 }
 
 /// Without media that scatter, or in another mode, there is no grid.

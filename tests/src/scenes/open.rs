@@ -166,6 +166,42 @@ pub fn lamp_in_fog(height: f32, candela: f32, fog: &Value) -> Vec<u8> {
     glb.finish()
 }
 
+/// A ball of radius 1 m around (0, 2, 0).
+#[must_use]
+pub fn ball() -> Shape {
+    let mut s = Shape::default();
+    s.icosphere(1.0, 1, false);
+    s.moved([0.0, 2.0, 0.0])
+}
+
+/// A plane of 4 m under a point, a spot and a sun, in every kind of medium: haze that falls with height, a grid in a box, and [`ball`].
+#[must_use]
+pub fn all_media() -> Vec<u8> {
+    let mut glb = Glb::new();
+    floor(&mut glb, 4.0, 1, 0.5);
+    let white = glb.material(&Material::matte("white", [0.5; 3]));
+    let mesh = glb.mesh("ball", &[(&ball(), white)]);
+    let cloud = json!({"medium": {"sigma_s": [0.5, 0.25, 0.125], "sigma_a": 0.0625, "g": 0.5}});
+    glb.node(Node::new("cloud").mesh(mesh).extras(cloud));
+    lamp(&mut glb, Kind::Point, [1.0, 0.5, 0.25], 8.0, Node::new("point").at([1.0, 1.5, -0.5]));
+    let node = Node::new("spot").at([-1.0, 2.0, 0.0]).turned(looking(Vec3::NEG_Y));
+    lamp(&mut glb, Kind::Spot { inner: 0.25, outer: 0.5 }, [1.0; 3], 4.0, node);
+    lamp(&mut glb, Kind::Directional, [1.0; 3], 2.0, Node::new("sun").turned(looking(Vec3::NEG_Y)));
+    let values: Vec<u8> = (0..24).map(|i| i % 5).collect();
+    glb.scene_extra(
+        "media",
+        json!([
+            {"sigma_s": 0.01, "density": {"height": {"base": 0.5, "falloff": 2.0}}},
+            {
+                "sigma_a": 0.5,
+                "density": {"stencil": {"size": [2, 3, 4], "values": values}},
+                "box": {"min": [-2, 0, -2], "max": [-1, 1, 2]},
+            },
+        ]),
+    );
+    glb.finish()
+}
+
 /// A square of 1 m in the plane y = 0, that shines with `emission` nits or reflects half of the light of a lamp of `candela` 1 m above its
 /// middle, in fog without end.
 #[must_use]
