@@ -332,7 +332,7 @@ mod tests {
     fn grid(size: UVec3) -> Arc<Voxels> {
         let value = |v: UVec3| {
             let i = v.x * 7 + v.y * 13 + v.z * 29;
-            if (v.x / 9 + v.y / 5) % 2 == 0 { 0.0 } else { (i % 17) as f32 / 4.0 }
+            if (v.x / 9 + v.y / 5).is_multiple_of(2) { 0.0 } else { (i % 17) as f32 / 4.0 }
         };
         Arc::new(Voxels::from_fn(size, 1 << 30, value).expect("a grid"))
     }

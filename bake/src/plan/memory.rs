@@ -336,7 +336,7 @@ fn surroundings_bytes(plan: &Plan) -> u64 {
     let media = plan.scene().media.iter().filter(|_| acting).map(medium).max().unwrap_or(0);
     let sky = match &plan.scene().sky {
         Sky::Image { width, height, .. } => {
-            let columns = (*width).min(MOST_SKY).max(1);
+            let columns = (*width).clamp(1, MOST_SKY);
             let rows = (height * columns).div_ceil((*width).max(1));
             let blocks = (rayon::current_num_threads() as u64 + 2) * 3 * EXR_ROWS * columns as u64 * 6;
             PER_SKY * columns as u64 * rows as u64 + blocks
