@@ -4,6 +4,7 @@ use suite::{
     scenes::{
         closed::{Room, room},
         hall::hall,
+        open::all_media,
     },
     tool,
 };
@@ -36,6 +37,11 @@ fn same_at_any_thread_count(scene: &[u8], args: &[&str]) {
             assert!(bytes == &other[name], "{name} differs between 1 and {threads} thread(s)");
         }
     }
+}
+
+#[test]
+fn nor_do_densities_of_media() {
+    same_at_any_thread_count(&all_media(), &["--samples", "1", "--texels-per-metre", "2", "--probes", "off"]);
 }
 
 #[test]

@@ -26,8 +26,11 @@ fn manifests_fit_their_schema() {
     let all = ["--directional", "--split-direct", "--denoise", "final", "--texture", "rgba16f"];
     let none = ["--probes", "off", "--texture", "none", "--media", "off"];
     for more in [&all[..], &none] {
-        let baked = tool::baked_in(&scene, "{ sigma_s = 0.3 }", &[&few[..], more].concat());
+        let media = "{ sigma_s = 0.3 }, { sigma_a = 0.1, density = { height = { falloff = 2 } } }, { sigma_a = 0.1, \
+                     density = { stencil = { size = [1, 1, 2], values = [1, 2] } }, box = { min = [0, 0, 0], max = [1, 1, 1] } }";
+        let baked = tool::baked_in(&scene, media, &[&few[..], more].concat());
         let text = manifest(&baked);
+        assert_eq!(baked.manifest.media.len(), if more == none { 0 } else { 3 });
         let errors: Vec<String> =
             validator.iter_errors(&text).map(|e| format!("{}: {e}", e.instance_path())).collect();
         assert!(errors.is_empty(), "{errors:#?}");

@@ -2,8 +2,8 @@
 //!
 //! Those of voxels, and which part of a place lies in a closed mesh, are in `medium-N.ktx2`: a three-dimensional texture of one channel of half floats,
 //! x fastest, in the axes of the voxels, or in the scene's where there are none. A texel is the mean of the density over its box, so that the mass of a medium is kept where
-//! the texture is coarser than its source. Means over voxels are exact. Of what is in a mesh, lines through a texel along its third axis are exact, and a texel has as many of them
-//! as [`lines`] says. See [`manifest::DensityTexture`].
+//! the texture is coarser than its source. Means over voxels are exact. Of what is in a mesh, lines through a texel along its third axis are exact; a texel has about as many of
+//! them as it covers voxels, 4 x 4 to 8 x 8. See [`manifest::DensityTexture`].
 
 use crate::error::{Error, Result};
 use crate::media::boundary::Boundary;
