@@ -1,31 +1,29 @@
 //! Shows a bake as a game would: everything comes from the files of one folder.
 //!
-//! The code is meant to be read as the specification of that folder: [`load`] opens it, [`draw`] uses it.
+//! The code is meant to be read as the specification of that folder: [`files`] opens it, [`gpu`] draws it. [`view`] is what is looked at,
+//! [`picture`] draws without a window and [`window`] with one.
 
-mod draw;
-mod load;
+mod args;
+mod files;
+mod gpu;
+mod picture;
+mod view;
+mod window;
 
-use std::{path::PathBuf, process::ExitCode};
+use std::{fs, process::ExitCode};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::Parser;
 
-/// Reads a bake, says what is in it, and draws it.
-#[derive(Debug, Parser)]
-#[command(version, about)]
-struct Args {
-    /// Folder that `bake run` wrote
-    dir: PathBuf,
-    /// Draw the scene with its lightmaps into this file
-    #[arg(long, value_name = "PNG")]
-    screenshot: Option<PathBuf>,
-    /// Which camera of the scene, from 0 on
-    #[arg(long, value_name = "INDEX", default_value_t = 0)]
-    camera: usize,
-    /// Multiplies radiance before tone mapping [default: fits the lightmaps' mean]
-    #[arg(long, value_name = "X")]
-    exposure: Option<f32>,
-}
+use args::Args;
+use files::bake::{self, Bake, Reading};
+use gpu::device::{self, Gpu};
+use picture::{Kind, Shown, Studio};
+use view::{
+    balls::{self, Ball},
+    camera::Pose,
+    look::Look,
+};
 
 fn main() -> ExitCode {
     match run(&Args::parse()) {
@@ -41,29 +39,123 @@ fn main() -> ExitCode {
 }
 
 fn run(args: &Args) -> Result<()> {
-    let bake = load::Bake::open(&args.dir)?;
-    report(&bake);
-    let Some(path) = &args.screenshot else { return Ok(()) };
-    let scene = load::Scene::open(&args.dir.join("scene.glb"), bake.pages.len())?;
-    let camera = scene.camera(args.camera)?;
-    let picture = draw::draw(&scene, &bake, camera, args.exposure.unwrap_or_else(|| bake.exposure()));
-    picture.save(path).with_context(|| format!("{}: cannot write", path.display()))
+    let folders = bake::folders(&args.dir)?;
+    if args.screenshot.is_none() && args.turntable.is_none() && args.timings.is_none() {
+        return window::run(args, &folders);
+    }
+    let (gpu, _) = Gpu::open(&device::instance(None), None, args.software)?;
+    let bakes = opened(args, &folders, &gpu)?;
+    bakes.iter().for_each(report);
+    let radiance = match &args.screenshot {
+        Some(path) => picture::kind(path)? == Kind::Exr,
+        None => false,
+    };
+    let mut studio = Studio::new(gpu, args.size, args.antialias, radiance);
+    let chosen = chosen(args, &bakes)?;
+    let on_card = chosen.iter().map(|b| studio.renderer().upload(b)).collect::<Result<Vec<_>>>()?;
+    let first = chosen.first().context("there is no bake")?;
+    let mut pose = Pose::new(&first.camera_named(args.camera.as_deref())?, first);
+    let look = look(args, first);
+    let balls = balls_of(args, first, &pose);
+    let mut shown = Shown {
+        bakes: chosen.iter().copied().zip(&on_card).collect(),
+        wipe: args.wipe,
+        look: &look,
+        balls: &balls,
+        seconds: args.time,
+    };
+    if let Some(path) = &args.screenshot {
+        studio.picture(&shown, &pose, radiance)?.save(path)?;
+    }
+    if let Some(folder) = &args.turntable {
+        fs::create_dir_all(folder)
+            .with_context(|| format!("{}: cannot make this folder", folder.display()))?;
+        for frame in 0..args.frames {
+            shown.seconds = args.time + frame as f32 / 12.0;
+            studio.picture(&shown, &pose, false)?.save(&folder.join(format!("{frame:03}.png")))?;
+            pose.orbit(std::f32::consts::TAU / args.frames as f32);
+        }
+    }
+    if let Some(frames) = args.timings {
+        say(&studio.timings(&shown, &pose, frames)?);
+    }
+    Ok(())
+}
+
+/// Reads the bakes, those of one scene only.
+fn opened(args: &Args, folders: &[std::path::PathBuf], gpu: &Gpu) -> Result<Vec<Bake>> {
+    let reading = Reading { pages: args.pages, blocks: gpu.blocks, lamps: gpu::MOST_LAMPS };
+    let bakes: Vec<Bake> = folders.iter().map(|f| Bake::open(f, reading)).collect::<Result<_>>()?;
+    let scene = |b: &Bake| b.manifest.inputs.iter().find(|i| i.role == "scene").map(|i| i.blake3.clone());
+    if let Some(other) = bakes.iter().find(|b| scene(b) != scene(&bakes[0])) {
+        say(&format!("{} and {} are bakes of different scenes", bakes[0].label, other.label));
+    }
+    Ok(bakes)
+}
+
+/// The bakes that are asked for: one, or both sides of the wiper.
+fn chosen<'a>(args: &Args, bakes: &'a [Bake]) -> Result<Vec<&'a Bake>> {
+    let named = |label: &str| {
+        let found = bakes.iter().find(|b| b.label == label);
+        let labels: Vec<_> = bakes.iter().map(|b| b.label.as_str()).collect();
+        found.with_context(|| {
+            format!("there is no bake `{label}` in {}, only {}", args.dir.display(), labels.join(", "))
+        })
+    };
+    let first = match &args.bake {
+        Some(label) => named(label)?,
+        None => bakes.first().context("there is no bake")?,
+    };
+    let mut chosen = vec![first];
+    if let Some(label) = &args.against {
+        let second = named(label)?;
+        ensure!(!std::ptr::eq(first, second), "`{label}` is on both sides of the wiper: name two bakes");
+        chosen.push(second);
+    }
+    Ok(chosen)
+}
+
+/// The spheres that are asked for, or moving ones.
+fn balls_of(args: &Args, bake: &Bake, pose: &Pose) -> Vec<Ball> {
+    match &args.ball[..] {
+        [] => balls::placed(&bake.scene, pose),
+        still => still.iter().map(|s| s.ball(bake)).collect(),
+    }
+}
+
+fn look(args: &Args, bake: &Bake) -> Look {
+    Look {
+        mode: args.show,
+        fog: !args.no_fog,
+        normals: !args.no_normals,
+        balls: !args.no_balls,
+        probes: args.probes,
+        stops: args.exposure.map_or(0.0, |x| (x / bake.exposure).log2()),
+    }
+}
+
+/// What a bake holds.
+fn report(bake: &Bake) {
+    let m = &bake.manifest;
+    say(&format!("{}: {} {}, unit {}, {}", bake.label, m.tool.name, m.tool.version, m.unit, m.color_space));
+    for (n, (entry, page)) in m.pages.iter().zip(&bake.pages).enumerate() {
+        let surfaces = m.surfaces.iter().filter(|s| s.page == n).count();
+        say(&format!(
+            "page {n}: {}, {} x {} texels, {surfaces} surfaces, mean luminance {:.6} nits ({:.6} said)",
+            entry.file, page.width, page.height, page.mean_luminance, entry.mean_luminance
+        ));
+    }
+    let probes = bake.probes.as_ref().map_or(0, |p| p.probes.len());
+    say(&format!(
+        "{} triangles, {} surfaces with texels, {} lamps, {} media, {probes} probes",
+        bake.scene.indices.len() / 3,
+        m.surfaces.len(),
+        bake.lamps.len(),
+        bake.media.all.len()
+    ));
 }
 
 #[expect(clippy::print_stdout, reason = "this is the command line")]
-fn report(bake: &load::Bake) {
-    let m = &bake.manifest;
-    println!("{} {}, unit {}, {}", m.tool.name, m.tool.version, m.unit, m.color_space);
-    for (n, (entry, page)) in m.pages.iter().zip(&bake.pages).enumerate() {
-        let surfaces = m.surfaces.iter().filter(|s| s.page == n).count();
-        println!(
-            "page {n}: {}, {} x {} texels, {surfaces} surfaces, mean luminance {:.6} nits ({:.6} said)",
-            entry.file,
-            page.width,
-            page.height,
-            page.mean_luminance(),
-            entry.mean_luminance
-        );
-    }
-    println!("{} surfaces, {} lights", m.surfaces.len(), m.lights.len());
+fn say(text: &str) {
+    println!("{text}");
 }

@@ -1,0 +1,6 @@
+//! What is looked at, from where, and what moves.
+
+pub(crate) mod balls;
+pub(crate) mod camera;
+pub(crate) mod controls;
+pub(crate) mod look;
