@@ -130,7 +130,8 @@ fn look(args: &Args, bake: &Bake) -> Look {
         normals: !args.no_normals,
         balls: !args.no_balls,
         probes: args.probes,
-        stops: args.exposure.map_or(0.0, |x| (x / bake.exposure).log2()),
+        exposure: args.exposure.unwrap_or(bake.exposure),
+        stops: 0.0,
     }
 }
 

@@ -16,31 +16,36 @@ const MOST_LAYERS: usize = 60;
 /// Lamps that can be added to fog: as many as fit when all of them shine all around.
 pub(crate) const MOST_LAMPS: usize = MOST_LAYERS / 6;
 
+/// Spots whose half angle is wider, radians, have cubes.
+const WIDEST: f32 = 1.2;
+
 /// Where a lamp's map is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Shadow {
-    /// Its first layer; lamps that shine all around have six.
+    /// Its first layer.
     pub(super) layer: usize,
+    /// Whether it has six, the faces of a cube.
+    pub(super) cube: bool,
 }
 
 /// The maps of a bake.
 #[derive(Debug, Default)]
 pub(super) struct Plan {
-    /// Of each lamp; none where it needs none or there is no room.
+    /// Of each lamp; none where it needs none or there is no room, and then it is dark.
     pub(super) shadows: Vec<Option<Shadow>>,
     /// World to clip space, layer by layer; depth is 0 near and 1 far away.
     pub(super) clip_from_world: Vec<Mat4>,
 }
 
 impl Plan {
-    /// Maps of the lamps that are added to fog or surfaces.
+    /// Maps of the lamps that are `needed`.
     pub(super) fn new(bake: &Bake, needed: impl Fn(&Lamp) -> bool) -> Self {
         let mut plan = Self::default();
         for lamp in &bake.lamps {
             let views = if needed(lamp) { views(lamp, bake) } else { Vec::new() };
             let layer = plan.clip_from_world.len();
             let fits = !views.is_empty() && layer + views.len() <= MOST_LAYERS;
-            plan.shadows.push(fits.then_some(Shadow { layer }));
+            plan.shadows.push(fits.then_some(Shadow { layer, cube: views.len() == 6 }));
             if fits {
                 plan.clip_from_world.extend(views);
             }
@@ -69,10 +74,10 @@ fn views(lamp: &Lamp, bake: &Bake) -> Vec<Mat4> {
     let looking =
         |d: Vec3, angle: f32| proj::perspective(angle, 1.0, near, far) * view::look_to_mat4(at, d, side(d));
     match lamp.kind {
-        Kind::Point => Vec3::AXES.into_iter().flat_map(|a| [a, -a]).map(|d| looking(d, FRAC_PI_2)).collect(),
-        Kind::Spot if lamp.cone[1] < 1.4 => vec![looking(lamp.direction, 2.02 * lamp.cone[1])],
-        // Wider than a map can be.
-        Kind::Spot => Vec::new(),
+        Kind::Spot if lamp.cone[1] < WIDEST => vec![looking(lamp.direction, 2.02 * lamp.cone[1])],
+        Kind::Point | Kind::Spot => {
+            Vec3::AXES.into_iter().flat_map(|a| [a, -a]).map(|d| looking(d, FRAC_PI_2)).collect()
+        }
         Kind::Sun => {
             let d = lamp.direction;
             let seen = view::look_to_mat4(-d * radius, d, side(d));
@@ -123,6 +128,10 @@ mod tests {
         }
         assert!(inside(6, Vec3::new(1.5, 0.0, 3.0)) && !inside(6, Vec3::new(4.0, 0.0, 3.0)));
         assert!(inside(7, Vec3::new(5.0, -6.0, 5.0)));
+        let mut wide = lamp(Kind::Spot);
+        wide.cone = [1.0, 1.5];
+        let plan = Plan::new(&self::bake(vec![wide]), |_| true);
+        assert_eq!(plan.shadows, [Some(Shadow { layer: 0, cube: true })]);
     }
 
     #[test]

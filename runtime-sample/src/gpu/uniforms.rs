@@ -136,11 +136,11 @@ impl ViewUniform {
         let bits = bits.iter().enumerate().map(|(i, b)| u32::from(*b) << i).sum();
         u.switches = [on_card.lamps, look.mode.number(), bits, 0];
         // Radiance times the exposure fits into half floats whatever a scene's light is.
-        let exposure = bake.exposure * look.stops.exp2();
+        let before = look.exposure;
         u.tone = if shot.radiance {
-            [bake.exposure, 1.0 / bake.exposure, 0.0, 1.0]
+            [before, 1.0 / before, 0.0, 1.0]
         } else {
-            [bake.exposure, exposure / bake.exposure, f32::from(u8::from(shot.encode)), 0.0]
+            [before, look.stops.exp2(), f32::from(u8::from(shot.encode)), 0.0]
         };
         u.size = [w, h, 1.0 / w, 1.0 / h];
         u
@@ -213,7 +213,8 @@ impl LampUniform {
         // The fall-off of KHR_lights_punctual: the square of a line between the cosines of both angles.
         let [inner, outer] = lamp.cone.map(f32::cos);
         let scale = 1.0 / (inner - outer).max(1e-3);
-        let cone = [scale, -outer * scale, f32::from(u8::from(!lamp.baked)), 0.0];
+        let cube = shadow.is_some_and(|s| s.cube);
+        let cone = [scale, -outer * scale, f32::from(u8::from(!lamp.baked)), f32::from(u8::from(cube))];
         let layer = shadow.map_or(-1.0, |s| s.layer as f32);
         Self {
             position: wide(local(lamp.position, bake), kind),

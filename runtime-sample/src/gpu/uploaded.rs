@@ -57,7 +57,7 @@ impl Uploaded {
     /// # Errors
     ///
     /// Where it is beyond what the adapter takes.
-    pub(crate) fn new(gpu: &Gpu, layouts: &Layouts, fixed: &Fixed, bake: &Bake) -> Result<Self> {
+    pub(super) fn new(gpu: &Gpu, layouts: &Layouts, fixed: &Fixed, bake: &Bake) -> Result<Self> {
         for (n, p) in bake.pages.iter().enumerate() {
             let most = gpu.device.limits().max_texture_dimension_2d;
             ensure!(
@@ -76,7 +76,15 @@ impl Uploaded {
             scene.materials.iter().map(|m| textures.material(gpu, layouts, m, &scene.pictures)).collect();
 
         let lamps_in_fog = !bake.media.all.is_empty() && bake.grid.as_ref().is_some_and(|g| g.without_lamps);
-        let plan = lamps::Plan::new(bake, |l| lamps_in_fog || !l.baked);
+        let needed = |l: &crate::files::bake::Lamp| lamps_in_fog || !l.baked;
+        let plan = lamps::Plan::new(bake, needed);
+        let dark = bake.lamps.iter().zip(&plan.shadows).filter(|(l, s)| needed(l) && s.is_none()).count();
+        if 0 < dark {
+            crate::say(&format!(
+                "{}: no room for the shadow maps of {dark} lamps, which stay dark",
+                bake.label
+            ));
+        }
         let shadows = shadow_maps(gpu, layouts, fixed, bake, &plan, (&vertices, &indices, &materials));
         let lamps: Vec<_> =
             bake.lamps.iter().zip(&plan.shadows).map(|(l, s)| LampUniform::new(l, *s, bake)).collect();

@@ -81,10 +81,12 @@ pub(crate) fn placed(scene: &Scene, pose: &Pose) -> Vec<Ball> {
     let mut balls: Vec<Ball> = Vec::new();
     for (i, ([x, y, ahead], albedo)) in places.into_iter().zip(ALBEDOS).enumerate() {
         let radius = 0.035 * reach;
-        let from = eye + (forward + right * x + up * y) * (ahead * reach);
-        if scene.meets(eye, from - eye).is_some_and(|t| t < 1.0) || !roomy(scene, from, radius) {
-            continue;
-        }
+        // Higher and nearer, if there is no room.
+        let tries = [[0.0, 1.0], [0.15, 1.0], [0.0, 0.6], [0.2, 0.6], [0.1, 0.35]];
+        let place = tries
+            .map(|[higher, part]| eye + (forward + right * x + up * (y + higher)) * (ahead * part * reach));
+        let seen = |p: &Vec3| scene.meets(eye, *p - eye).is_none_or(|t| 1.0 < t) && roomy(scene, *p, radius);
+        let Some(from) = place.into_iter().find(seen) else { continue };
         let free = |way: &&Vec3| clear(scene, from, **way * (0.3 * reach), radius);
         let way = ways.iter().cycle().skip(i).take(ways.len()).find(free);
         let to = way.map_or(from, |w| from + *w * (0.3 * reach));

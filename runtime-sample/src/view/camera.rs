@@ -122,7 +122,7 @@ impl Extent {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::{DMat4, Mat4, Vec4};
+    use glam::{Mat4, Vec4};
 
     fn pose(eye: DVec3, at: DVec3, up: DVec3) -> Pose {
         let camera = Camera {

@@ -54,12 +54,8 @@ pub(crate) struct Look {
     pub(crate) balls: bool,
     /// Whether probes are shown as spheres.
     pub(crate) probes: bool,
-    /// Exposure beside that of the bake, stops.
+    /// What radiance is multiplied by before tone mapping, 1/nit; that of one bake for all, so that they can be compared.
+    pub(crate) exposure: f32,
+    /// Beside that, stops.
     pub(crate) stops: f32,
-}
-
-impl Default for Look {
-    fn default() -> Self {
-        Self { mode: Mode::Lit, fog: true, normals: true, balls: true, probes: false, stops: 0.0 }
-    }
 }

@@ -62,9 +62,12 @@ impl Panel {
         bakes: &[&Bake],
     ) -> Vec<wgpu::CommandBuffer> {
         let input = self.input.take_egui_input(window);
-        let output = self.context.run_ui(input, |ui| {
+        let mut output = self.context.run_ui(input, |ui| {
             if state.panel {
                 contents(ui.ctx(), state, bakes);
+            }
+            if state.help {
+                keys(ui.ctx());
             }
             if state.wiper {
                 line(ui.ctx(), state.wipe);
@@ -95,6 +98,7 @@ impl Panel {
         for id in &output.textures_delta.free {
             self.renderer.free_texture(id);
         }
+        output.textures_delta.clear();
         more
     }
 }
@@ -103,14 +107,17 @@ impl Panel {
 fn line(context: &egui::Context, wipe: f32) {
     let screen = context.content_rect();
     let x = screen.left() + wipe * screen.width();
-    let layer = egui::LayerId::new(egui::Order::Background, egui::Id::new("wiper"));
+    let layer = egui::LayerId::new(egui::Order::Background, egui::Id::unique("wiper"));
     context.layer_painter(layer).vline(x, screen.y_range(), egui::Stroke::new(1.5, egui::Color32::WHITE));
 }
 
 fn contents(context: &egui::Context, s: &mut State, bakes: &[&Bake]) {
-    egui::Window::new("Bake").default_pos([8.0, 8.0]).default_width(260.0).resizable(false).show(
-        context,
-        |ui| {
+    egui::Window::new("Bake")
+        .default_pos([8.0, 8.0])
+        .default_width(260.0)
+        .resizable(false)
+        .vscroll(true)
+        .show(context, |ui| {
             ui.spacing_mut().slider_width = 150.0;
             let n = bakes.len();
             for (i, bake) in bakes.iter().enumerate() {
@@ -146,17 +153,26 @@ fn contents(context: &egui::Context, s: &mut State, bakes: &[&Bake]) {
             }
             ui.separator();
             ui.checkbox(&mut s.help, "keys");
-            if s.help {
-                egui::Grid::new("keys").num_columns(2).spacing([8.0, 1.0]).show(ui, |ui| {
-                    for (key, what) in HELP {
-                        ui.strong(key);
-                        ui.label(what);
-                        ui.end_row();
-                    }
-                });
+        });
+}
+
+/// Keys and what they do, on the right.
+fn keys(context: &egui::Context) {
+    let corner = context.content_rect().right_top() + egui::vec2(-8.0, 8.0);
+    let window = egui::Window::new("Keys")
+        .default_pos(corner)
+        .pivot(egui::Align2::RIGHT_TOP)
+        .resizable(false)
+        .vscroll(true);
+    window.show(context, |ui| {
+        egui::Grid::new("keys").num_columns(2).spacing([8.0, 1.0]).show(ui, |ui| {
+            for (key, what) in HELP {
+                ui.strong(key);
+                ui.label(what);
+                ui.end_row();
             }
-        },
-    );
+        });
+    });
 }
 
 fn about(ui: &mut egui::Ui, bake: &Bake) {

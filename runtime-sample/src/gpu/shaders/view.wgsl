@@ -48,7 +48,7 @@ struct Lamp {
     direction: vec4f,
     // Candela, lux for suns. w: first layer of its shadow map, negative without one.
     intensity: vec4f,
-    // Scale and offset of the cone's cosine; 1 where lightmaps lack it; spare.
+    // Scale and offset of the cone's cosine; 1 where lightmaps lack it; 1 where its shadow map is a cube.
     cone: vec4f,
 }
 
@@ -129,8 +129,9 @@ fn candela(lamp: Lamp, travels: vec3f, r: f32) -> vec3f {
 // Which part of a lamp's light is not stopped by surfaces on its way to `p`.
 fn lit(lamp: Lamp, p: vec3f) -> f32 {
     var layer = i32(lamp.intensity.w);
-    if layer < 0 { return 1.0; }
-    if lamp.position.w == 0.0 {
+    // Rather dark than through walls.
+    if layer < 0 { return 0.0; }
+    if lamp.cone.w == 1.0 {
         // The face of the cube: +x, -x, +y, -y, +z, -z.
         let d = p - lamp.position.xyz;
         let a = abs(d);
