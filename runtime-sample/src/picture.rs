@@ -105,13 +105,15 @@ impl Studio {
     }
 
     fn shot(&self, frame: u32, radiance: bool) -> Shot {
-        // The R2 sequence of Roberts: even over pixels for any number of frames.
+        // The R_d sequences of Roberts: even over pixels, and over froxels, for any number of frames.
         let at = |step: f32| (0.5 + step * frame as f32).fract() - 0.5;
+        let shift = |x: f32, y: f32| if self.frames == 1 { Vec2::ZERO } else { Vec2::new(at(x), at(y)) };
         Shot {
             size: self.size,
             froxels: renderer::froxels(self.size),
-            shift: if self.frames == 1 { Vec2::ZERO } else { Vec2::new(at(0.754_877_7), at(0.569_840_3)) },
-            depth: (0.5 + frame as f32 * 0.618_034).fract(),
+            shift: shift(0.754_877_7, 0.569_840_3),
+            depth: (0.5 + frame as f32 * 0.819_172_5).fract(),
+            froxel_shift: shift(0.671_043_6, 0.549_700_5),
             encode: false,
             radiance,
         }

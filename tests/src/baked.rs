@@ -52,13 +52,19 @@ impl Page {
     /// The value at texture coordinates, interpolated between texel centres as a GPU does.
     #[must_use]
     pub fn bilinear(&self, uv: Vec2) -> Vec3 {
+        self.bilinear_of("", uv)
+    }
+
+    /// The same of the channels `prefix` + `R`, `G`, `B`.
+    #[must_use]
+    pub fn bilinear_of(&self, prefix: &str, uv: Vec2) -> Vec3 {
         let size = Vec2::new(self.width as f32, self.height as f32);
         let at = (uv * size - 0.5).clamp(Vec2::ZERO, size - 1.0);
         let (low, part) = (at.floor(), at.fract());
         let index = |v: f32, n: usize| (0..n).rfind(|&i| i as f32 <= v).unwrap_or(0);
         let (x, y) = (index(low.x, self.width), index(low.y, self.height));
         let (x1, y1) = ((x + 1).min(self.width - 1), (y + 1).min(self.height - 1));
-        let row = |y| self.rgb("", x, y).lerp(self.rgb("", x1, y), part.x);
+        let row = |y| self.rgb(prefix, x, y).lerp(self.rgb(prefix, x1, y), part.x);
         row(y).lerp(row(y1), part.y)
     }
 }

@@ -37,6 +37,8 @@ pub struct Material {
     pub transmission_texture: Option<Id>,
     /// Whether the alpha of the base colour is coverage (`alphaMode: BLEND`).
     pub blend: bool,
+    /// Normal map.
+    pub normal_texture: Option<Id>,
 }
 
 impl Material {
@@ -54,6 +56,7 @@ impl Material {
             transmission: 0.0,
             transmission_texture: None,
             blend: false,
+            normal_texture: None,
         }
     }
 
@@ -276,6 +279,9 @@ impl Glb {
         }
         if let Some(index) = m.emission_texture {
             out["emissiveTexture"] = json!({"index": index});
+        }
+        if let Some(index) = m.normal_texture {
+            out["normalTexture"] = json!({"index": index});
         }
         if let Some(cutoff) = m.mask {
             out["alphaMode"] = json!("MASK");

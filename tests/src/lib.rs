@@ -6,6 +6,7 @@ pub mod baked;
 pub mod browser;
 pub mod divided;
 pub mod gltf;
+pub mod graphics;
 pub mod reference;
 pub mod rooms;
 pub mod scenes;

@@ -1,73 +1,457 @@
-//! The runtime sample shows what was baked, from the folder alone.
+//! The runtime sample shows what was baked, from the folder alone: light on surfaces, probes and fog against what the files say and
+//! what closed forms say.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
+#![expect(clippy::print_stdout, reason = "figures that are reported")]
 
-use std::{fs, path::Path, time::Duration};
+use std::{f64::consts::PI, path::Path};
 
-use glam::Vec3;
+use glam::{DVec3, Vec2, Vec3};
 use serde_json::json;
 use suite::{
-    gltf::{Glb, Material, Node},
-    shape::Shape,
-    tool::{self, Finished},
+    baked::{Baked, Page, Triangle},
+    gltf::{Glb, Id, Kind, Material, Node},
+    graphics,
+    shape::{ALL, Shape},
+    tool,
 };
+use tables::format::manifest::LightMode;
 
-fn show(args: &[&str], dir: &Path) -> Finished {
-    tool::start(tool::runtime_sample_path(), args, dir).wait(Duration::from_secs(60))
+/// Pixels of the pictures.
+const SIZE: [usize; 2] = [320, 180];
+
+/// Where a picture is taken from.
+#[derive(Clone, Copy)]
+struct Eye {
+    at: Vec3,
+    to: Vec3,
+    yfov: f32,
 }
 
-/// A floor of albedo 0.5 under a sky of 1 nit, seen from above, baked into `out`.
-fn baked_floor() -> tempfile::TempDir {
-    let mut glb = Glb::new();
-    let grey = glb.material(&Material::matte("grey", [0.5, 0.25, 0.125]));
-    let mut quad = Shape::default();
-    quad.grid(Vec3::new(-50.0, 0.0, 50.0), Vec3::X * 100.0, Vec3::NEG_Z * 100.0, 1, 1);
-    let mesh = glb.mesh("floor", &[(&quad, grey)]);
-    glb.node(Node::new("floor").mesh(mesh));
-    glb.camera("above", Vec3::new(0.0, 2.0, 0.0), Vec3::new(0.0, 0.0, -2.0), 0.8);
-    glb.scene_extra("sky", json!([1, 1, 1]));
-    let dir = tool::folder_with(&glb.finish());
-    let args = ["run", "scene.glb", "-o", "out", "--samples", "64", "--texels-per-metre", "0.5"];
-    let _ = tool::bake(&args, dir.path()).expect(0);
-    dir
+impl Eye {
+    fn add(self, glb: &mut Glb) {
+        glb.camera("eye", self.at, self.to, self.yfov);
+    }
+
+    /// The direction of the middle of a pixel, 1 m ahead.
+    fn ray(self, x: usize, y: usize) -> Vec3 {
+        let ahead = (self.to - self.at).normalize();
+        let right = ahead.cross(Vec3::Y).normalize();
+        let up = right.cross(ahead);
+        let half = (0.5 * self.yfov).tan();
+        let part = |i: usize, n: usize| (i as f32 + 0.5) / n as f32 * 2.0 - 1.0;
+        let wide = half * SIZE[0] as f32 / SIZE[1] as f32;
+        ahead + right * (part(x, SIZE[0]) * wide) - up * (part(y, SIZE[1]) * half)
+    }
 }
 
-#[test]
-fn pictures_show_albedo_times_lightmap() {
-    let dir = baked_floor();
-    let args = ["out", "--screenshot", "view.png", "--exposure", "2"];
-    let done = show(&args, dir.path()).expect(0);
-    assert!(done.stdout.contains("page 0") && done.stdout.contains("1 surfaces"), "{done}");
-    let picture = image::open(dir.path().join("view.png")).unwrap().to_rgb8();
-    // Radiance 0.5, 0.25, 0.125 times 2, then v / (1 + v): 1/2, 1/3, 1/5 in sRGB.
-    for (x, y) in [(0.5, 0.5), (0.1, 0.9), (0.9, 0.3)] {
-        let at = |n: u32, part: f64| (0..n).find(|i| part * f64::from(n) < f64::from(i + 1)).unwrap();
-        let got = picture.get_pixel(at(picture.width(), x), at(picture.height(), y));
-        for (got, want) in got.0.into_iter().zip([188u8, 156, 124]) {
-            assert!(got.abs_diff(want) <= 1, "{got} and {want} at {x}, {y}");
+/// A scene that was baked into `out` of a folder.
+struct Shown {
+    dir: tempfile::TempDir,
+    baked: Baked,
+}
+
+fn bake(scene: &[u8], args: &[&str]) -> Shown {
+    let dir = tool::folder_with(scene);
+    let first = ["run", "scene.glb", "-o", "out", "--progress", "none"];
+    let _ = tool::bake(&[&first[..], args].concat(), dir.path()).expect(0);
+    let baked = Baked::read(&dir.path().join("out")).unwrap();
+    Shown { dir, baked }
+}
+
+impl Shown {
+    /// Radiance that reaches the eye, nits.
+    fn picture(&self, args: &[&str]) -> Page {
+        picture(self.dir.path(), "out", args)
+    }
+}
+
+fn picture(dir: &Path, bake: &str, args: &[&str]) -> Page {
+    let first = [bake, "--screenshot", "view.exr", "--size", "320x180"];
+    let mut all = [&first[..], args].concat();
+    for (name, value) in [("--pages", "exr"), ("--antialias", "1")] {
+        if !args.contains(&name) {
+            all.extend([name, value]);
         }
     }
-    let done = show(&["out", "--screenshot", "view.png", "--camera", "1"], dir.path()).expect(2);
-    assert!(done.stderr.contains("camera 1 of 1"), "{done}");
+    let _ = graphics::show(&all, dir).expect(0);
+    let page = Page::read(&dir.join("view.exr")).unwrap();
+    assert_eq!([page.width, page.height], SIZE);
+    page
 }
 
+/// Distance and corner weights of the first triangle on a ray.
+fn meet(t: &Triangle, from: Vec3, d: Vec3) -> Option<(f32, Vec3)> {
+    let [a, b, c] = t.positions;
+    let (u, v) = (b - a, c - a);
+    let p = d.cross(v);
+    let det = u.dot(p);
+    let q = (from - a).cross(u);
+    let (x, y) = ((from - a).dot(p) / det, d.dot(q) / det);
+    let inside = 0.0 < det && 0.0 <= x && 0.0 <= y && x + y <= 1.0;
+    let distance = v.dot(q) / det;
+    (inside && 0.0 < distance).then_some((distance, Vec3::new(1.0 - x - y, x, y)))
+}
+
+/// The place of a pixel on the first triangle, and where it is on the page.
+fn seen(baked: &Baked, eye: Eye, x: usize, y: usize) -> Option<(Vec3, Vec2)> {
+    let d = eye.ray(x, y);
+    let hits = baked.triangles.iter().filter_map(|t| meet(t, eye.at, d).map(|(r, w)| (r, w, t)));
+    let (r, w, t) = hits.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    Some((eye.at + d * r, t.uvs[0] * w.x + t.uvs[1] * w.y + t.uvs[2] * w.z))
+}
+
+fn lamp(glb: &mut Glb, kind: Kind, color: [f32; 3], strength: f32, node: Node) -> Id {
+    let light = glb.light("lamp", kind, color, strength);
+    glb.node(Node { light: Some(light), ..node })
+}
+
+/// A white wall by a lamp: each pixel has the luminance that the lightmap has there, to the precision of interpolation on the card.
 #[test]
-fn what_is_missing_or_damaged_is_named() {
-    let dir = baked_floor();
-    let out = dir.path().join("out");
-    let refused = |word: &str| {
-        let done = show(&["out"], dir.path()).expect(2);
-        assert!(done.stderr.contains(word), "`{word}` is not said\n{done}");
+fn a_white_wall_has_the_luminance_of_its_lightmap() {
+    if !graphics::available("a_white_wall_has_the_luminance_of_its_lightmap") {
+        return;
+    }
+    let eye = Eye { at: Vec3::new(0.4, 1.2, 3.0), to: Vec3::new(0.2, 1.0, 0.0), yfov: 0.9 };
+    let mut glb = Glb::new();
+    let white = glb.material(&Material::matte("white", [1.0; 3]));
+    let mut wall = Shape::default();
+    wall.grid(Vec3::new(-4.0, -1.0, 0.0), Vec3::X * 8.0, Vec3::Y * 4.0, 2, 2);
+    let mesh = glb.mesh("wall", &[(&wall, white)]);
+    glb.node(Node::new("wall").mesh(mesh));
+    lamp(&mut glb, Kind::Point, [1.0, 0.6, 0.3], 300.0, Node::new("lamp").at([0.5, 1.5, 1.0]));
+    eye.add(&mut glb);
+    let shown = bake(&glb.finish(), &["--samples", "16", "--texels-per-metre", "8", "--texture", "rgba16f"]);
+    for (source, bound) in [("exr", 2e-4), ("ktx2", 1e-3)] {
+        let got = shown.picture(&["--no-balls", "--pages", source]);
+        let (mut worst, mut n) = (0.0f32, 0);
+        for y in 0..SIZE[1] {
+            for x in 0..SIZE[0] {
+                let Some((_, uv)) = seen(&shown.baked, eye, x, y) else { continue };
+                let want = shown.baked.bilinear(uv);
+                worst = worst.max(((got.rgb("", x, y) - want) / want).abs().max_element());
+                n += 1;
+            }
+        }
+        println!("{n} pixels of {source}: at most {worst:.1e} beside the lightmap");
+        assert!(SIZE[0] * SIZE[1] / 2 < n && worst < bound, "{worst} of {source}");
+    }
+}
+
+/// A cube whose walls reflect and emit: all that is in it looks alike.
+fn furnace(fog: Option<serde_json::Value>) -> Vec<u8> {
+    let mut glb = Glb::new();
+    let wall = glb.material(&Material::matte("wall", [0.5; 3]).emitting([1.0; 3]));
+    let mut cube = Shape::default();
+    cube.cuboid([-0.5; 3], [0.5; 3], ALL);
+    let mesh = glb.mesh("furnace", &[(&cube.inside_out(), wall)]);
+    glb.node(Node::new("furnace").mesh(mesh));
+    Eye { at: Vec3::new(0.3, 0.2, 0.45), to: Vec3::new(-0.1, -0.05, -0.3), yfov: 1.2 }.add(&mut glb);
+    if let Some(fog) = fog {
+        glb.scene_extra("media", json!([fog]));
+    }
+    glb.finish()
+}
+
+/// A white sphere disappears in a furnace, and fog that only scatters does as well.
+#[test]
+fn a_white_sphere_disappears_in_a_furnace() {
+    if !graphics::available("a_white_sphere_disappears_in_a_furnace") {
+        return;
+    }
+    let fogs = [
+        ("no fog", None),
+        (
+            "even fog",
+            Some(
+                json!({ "sigma_s": 1.5, "g": 0.5, "box": { "min": [-0.5, -0.5, -0.5], "max": [0.5, 0.5, 0.5] } }),
+            ),
+        ),
+        ("endless fog", Some(json!({ "sigma_s": [0.5, 1.0, 2.0], "g": -0.3 }))),
+        (
+            "fog by height",
+            Some(json!({ "sigma_s": 2.0, "density": { "height": { "base": -0.2, "falloff": 0.4 } } })),
+        ),
+    ];
+    for (what, fog) in fogs {
+        let shown =
+            bake(&furnace(fog), &["--samples", "256", "--texels-per-metre", "16", "--media", "bounded"]);
+        let got = shown.picture(&["--ball", "-0.05,0,-0.1,0.15"]);
+        let bare = shown.picture(&["--no-balls"]);
+        let covered = |x: usize, y: usize| got.rgb("", x, y) != bare.rgb("", x, y);
+        let mut sums = [(DVec3::ZERO, 0u32); 2];
+        let mut worst = 0.0f32;
+        for y in 0..SIZE[1] {
+            for x in 0..SIZE[0] {
+                let v = got.rgb("", x, y);
+                worst = worst.max((v / 2.0 - 1.0).abs().max_element());
+                let (sum, n) = &mut sums[usize::from(covered(x, y))];
+                (*sum, *n) = (*sum + v.as_dvec3(), *n + 1);
+            }
+        }
+        let [wall, ball] = sums.map(|(sum, n)| sum / f64::from(n));
+        println!(
+            "{what}: walls {wall:.4}, sphere {ball:.4} of {} pixels, at most {:.2} % off",
+            sums[1].1,
+            100.0 * worst
+        );
+        assert!(1200 < sums[1].1, "the sphere covers {} pixels", sums[1].1);
+        for v in wall.to_array().into_iter().chain(ball.to_array()) {
+            assert!((v / 2.0 - 1.0).abs() < 6e-3, "{what}: {wall} and {ball}");
+        }
+        assert!(worst < 0.05, "{what}: {worst}");
+    }
+}
+
+/// Black walls around thin fog: what reaches the eye is light that fog scattered once, which an integral knows.
+#[test]
+fn fog_is_lit_by_lamps_as_integrals_say() {
+    if !graphics::available("fog_is_lit_by_lamps_as_integrals_say") {
+        return;
+    }
+    let (sigma_s, sigma_a, g) = (0.004f64, 0.01f64, 0.4f64);
+    let eye = Eye { at: Vec3::new(-1.6, 1.1, 1.7), to: Vec3::new(0.6, 0.9, -1.2), yfov: 1.0 };
+    let at = Vec3::new(0.4, 1.3, -0.3);
+    let down = Vec3::new(0.3, -1.0, -0.2).normalize();
+    for kind in ["sun", "point", "spot"] {
+        let mut glb = Glb::new();
+        let black = glb.material(&Material::matte("black", [0.0; 3]));
+        let mut room = Shape::default();
+        room.cuboid([-2.0, 0.0, -2.0], [2.0, 2.5, 2.0], ALL);
+        // The sun comes in where there is no ceiling.
+        let open = Shape::default();
+        let mut floor = open.clone();
+        floor.grid(Vec3::new(-2.0, 0.0, 2.0), Vec3::X * 4.0, Vec3::Z * -4.0, 1, 1);
+        let walls = if kind == "sun" { floor } else { room.inside_out() };
+        let mesh = glb.mesh("room", &[(&walls, black)]);
+        glb.node(Node::new("room").mesh(mesh));
+        let turned = suite::gltf::looking(down);
+        let _ = match kind {
+            "point" => lamp(&mut glb, Kind::Point, [1.0; 3], 100.0, Node::new("lamp").at(at)),
+            "spot" => {
+                let cone = Kind::Spot { inner: 0.3, outer: 0.9 };
+                lamp(&mut glb, cone, [1.0; 3], 100.0, Node::new("lamp").at(at).turned(turned))
+            }
+            _ => lamp(&mut glb, Kind::Directional, [1.0; 3], 100.0, Node::new("sun").turned(turned)),
+        };
+        let fog = json!({ "sigma_s": sigma_s, "sigma_a": sigma_a, "g": g, "box": { "min": [-2, 0, -2], "max": [2, 2.5, 2] } });
+        glb.scene_extra("media", json!([fog]));
+        eye.add(&mut glb);
+        let shown =
+            bake(&glb.finish(), &["--samples", "16", "--texels-per-metre", "4", "--media", "bounded"]);
+        let got = shown.picture(&["--no-balls", "--antialias", "16"]);
+        let sigma_t = sigma_s + sigma_a;
+        let phase = |x: f64| (1.0 - g * g) / (4.0 * PI * (1.0 + g * g - 2.0 * g * x).powf(1.5));
+        let (min, max) = (DVec3::new(-2.0, 0.0, -2.0), DVec3::new(2.0, 2.5, 2.0));
+        // How far a ray goes until it leaves the box.
+        let leaves = |p: DVec3, d: DVec3| {
+            let far = DVec3::select(d.cmplt(DVec3::ZERO), min - p, max - p) / d;
+            far.min_element().max(0.0)
+        };
+        let want = |x: usize, y: usize| {
+            let d = eye.ray(x, y).as_dvec3().normalize();
+            let from = eye.at.as_dvec3();
+            let end = leaves(from, d);
+            let n = 4000;
+            let step = end / f64::from(n);
+            let scattered = |i: i32| {
+                let t = (f64::from(i) + 0.5) * step;
+                let p = from + d * t;
+                let (light, travels, way) = if kind == "sun" {
+                    let travels = down.as_dvec3();
+                    (100.0, travels, leaves(p, -travels))
+                } else {
+                    let way = p - at.as_dvec3();
+                    let r = way.length();
+                    let cone = if kind == "spot" {
+                        let a = (way.dot(down.as_dvec3()) / r - 0.9f64.cos()) / (0.3f64.cos() - 0.9f64.cos());
+                        a.clamp(0.0, 1.0).powi(2)
+                    } else {
+                        1.0
+                    };
+                    (100.0 * cone / (r * r), way / r, r)
+                };
+                sigma_s * light * phase(-travels.dot(d)) * (-sigma_t * (way + t)).exp() * step
+            };
+            (0..n).map(scattered).sum::<f64>()
+        };
+        let mut pairs = Vec::new();
+        for y in (4..SIZE[1]).step_by(8) {
+            for x in (4..SIZE[0]).step_by(8) {
+                pairs.push((f64::from(got.rgb("", x, y).y), want(x, y), x, y));
+            }
+        }
+        let [sum, all] = [0, 1].map(|i| pairs.iter().map(|p| [p.0, p.1][i]).sum::<f64>());
+        // As a part of the mean where hardly anything is lit: there froxels of some pixels mix.
+        let mean = all / pairs.len() as f64;
+        let off = |p: &(f64, f64, usize, usize)| (p.0 - p.1).abs() / p.1.max(mean);
+        let mut sorted: Vec<f64> = pairs.iter().map(off).collect();
+        sorted.sort_by(f64::total_cmp);
+        let worst = sorted[sorted.len() - 1];
+        println!(
+            "{kind}: {:.2} % in all, half of the pixels within {:.2} %, 95 % within {:.1} %, at most {:.1} %",
+            100.0 * (sum / all - 1.0),
+            100.0 * sorted[sorted.len() / 2],
+            100.0 * sorted[sorted.len() * 19 / 20],
+            100.0 * worst
+        );
+        // The tip of a cone and where it meets the floor are narrower than froxels.
+        let [sums, most] = if kind == "spot" { [0.06, 0.15] } else { [0.01, 0.02] };
+        assert!((sum / all - 1.0).abs() < sums, "{kind}: {sum} of {all}");
+        assert!(sorted[sorted.len() / 2] < 0.012 && sorted[sorted.len() * 19 / 20] < most, "{kind}");
+    }
+}
+
+/// A room with a table and all kinds of lamps, whose direct light is baked, or left to the game.
+fn room(mode: &str) -> (Vec<u8>, Eye) {
+    let eye = Eye { at: Vec3::new(-1.7, 1.9, 1.6), to: Vec3::new(0.3, 0.4, -0.4), yfov: 1.1 };
+    let mut glb = Glb::new();
+    let grey = glb.material(&Material::matte("grey", [0.6, 0.5, 0.4]));
+    let mut add = |name: &str, shape: &Shape| {
+        let mesh = glb.mesh(name, &[(shape, grey)]);
+        glb.node(Node::new(name).mesh(mesh));
     };
-    let page = out.join("lightmap-0.exr");
-    let bytes = fs::read(&page).unwrap();
-    fs::write(&page, &bytes[..bytes.len() / 2]).unwrap();
-    refused("lightmap-0.exr");
-    fs::remove_file(&page).unwrap();
-    refused("lightmap-0.exr");
-    let manifest = fs::read_to_string(out.join("manifest.json")).unwrap();
-    fs::write(out.join("manifest.json"), manifest.replacen("\"version\": 1", "\"version\": 99", 1)).unwrap();
-    refused("version 99 is newer");
-    fs::remove_file(out.join("manifest.json")).unwrap();
-    refused("is this a folder that `bake run` wrote?");
+    let mut walls = Shape::default();
+    walls.grid(Vec3::new(-2.0, 0.0, 2.0), Vec3::X * 4.0, Vec3::Z * -4.0, 1, 1);
+    walls.grid(Vec3::new(-2.0, 0.0, -2.0), Vec3::X * 4.0, Vec3::Y * 2.5, 1, 1);
+    walls.grid(Vec3::new(2.0, 0.0, -2.0), Vec3::Z * 4.0, Vec3::Y * 2.5, 1, 1);
+    add("walls", &walls);
+    let mut table = Shape::default();
+    table.cuboid([-0.5, 0.0, -0.9], [0.7, 0.8, 0.1], ALL);
+    add("table", &table);
+    let node = |name: &str| Node::new(name).extras(json!({ "mode": mode }));
+    lamp(&mut glb, Kind::Point, [1.0, 0.8, 0.6], 40.0, node("bulb").at([-0.9, 1.6, -0.8]));
+    let turned = |d: Vec3| suite::gltf::looking(d.normalize());
+    let cone = Kind::Spot { inner: 0.2, outer: 0.6 };
+    let spot = node("spot").at([1.2, 2.3, 0.8]).turned(turned(Vec3::new(-0.4, -1.0, -0.5)));
+    lamp(&mut glb, cone, [0.5, 0.8, 1.0], 90.0, spot);
+    let sun = node("sun").turned(turned(Vec3::new(0.6, -1.0, -0.35)));
+    lamp(&mut glb, Kind::Directional, [1.0; 3], 6.0, sun);
+    glb.scene_extra("sky", json!(0.3));
+    eye.add(&mut glb);
+    (glb.finish(), eye)
+}
+
+/// What the game adds of lamps that are not baked is what was baked of them, shadows included.
+#[test]
+fn lamps_of_the_game_light_as_baked_ones() {
+    if !graphics::available("lamps_of_the_game_light_as_baked_ones") {
+        return;
+    }
+    let pictures = ["baked", "mixed"].map(|mode| {
+        let (scene, _) = room(mode);
+        let shown = bake(&scene, &["--samples", "256", "--texels-per-metre", "24"]);
+        assert!(
+            shown.baked.manifest.lights.iter().all(|l| (l.mode == LightMode::Mixed) == (mode == "mixed"))
+        );
+        shown.picture(&["--no-balls", "--antialias", "4"])
+    });
+    let mut off: Vec<f32> = Vec::new();
+    for y in 0..SIZE[1] {
+        for x in 0..SIZE[0] {
+            let [a, b] = [0, 1].map(|i| pictures[i].rgb("", x, y).y);
+            off.push((b / a - 1.0).abs());
+        }
+    }
+    off.sort_by(f32::total_cmp);
+    let [median, most] = [0.5, 0.95].map(|part| off[(part * off.len() as f64).floor() as usize]);
+    println!(
+        "half of all pixels differ by at most {:.2} %, 95 % by at most {:.1} %",
+        100.0 * median,
+        100.0 * most
+    );
+    assert!(median < 0.015 && most < 0.15, "{median} and {most}");
+}
+
+/// A floor with a tilted normal map under a low sun: light turns as the directional lightmap says.
+#[test]
+fn normal_maps_act_as_directions_say() {
+    if !graphics::available("normal_maps_act_as_directions_say") {
+        return;
+    }
+    let eye = Eye { at: Vec3::new(0.3, 2.0, 1.5), to: Vec3::new(0.1, 0.0, -0.2), yfov: 0.8 };
+    let mut glb = Glb::new();
+    // One normal everywhere: 0.36 along u, 0.48 towards the top of the picture, 0.8 out.
+    let code = |v: f32| [0u8, 173, 189, 230][[0.0, 0.36, 0.48, 0.8].iter().position(|x| *x == v).unwrap()];
+    let texel = [code(0.36), code(0.48), code(0.8), 255];
+    let map = glb.texture(&suite::gltf::png(4, false, |_, _| texel));
+    let bumpy = Material { normal_texture: Some(map), ..Material::matte("bumpy", [0.5; 3]) };
+    let bumpy = glb.material(&bumpy);
+    let mut floor = Shape::default();
+    floor.grid(Vec3::new(-3.0, 0.0, 3.0), Vec3::X * 6.0, Vec3::Z * -6.0, 1, 1);
+    let mesh = glb.mesh("floor", &[(&floor.planar_uvs(1.0), bumpy)]);
+    glb.node(Node::new("floor").mesh(mesh));
+    lamp(&mut glb, Kind::Point, [1.0, 0.9, 0.8], 50.0, Node::new("lamp").at([-1.5, 1.0, 0.5]));
+    glb.scene_extra("sky", json!({ "zenith": [1, 2, 3], "horizon": 0.5, "ground": 0 }));
+    eye.add(&mut glb);
+    let shown = bake(&glb.finish(), &["--samples", "64", "--texels-per-metre", "8", "--directional"]);
+    let n = Vec3::Y;
+    // u runs along +X and v along +Z, so that the top of the picture is towards -Z.
+    let m = texel.map(|v| f32::from(v) / 255.0 * 2.0 - 1.0);
+    let m = (Vec3::X * m[0] + Vec3::NEG_Z * m[1] + n * m[2]).normalize();
+    let page = &shown.baked.pages[0];
+    let of = |prefix: &str, uv: Vec2| page.bilinear_of(prefix, uv);
+    let got = shown.picture(&["--no-balls"]);
+    let flat = shown.picture(&["--no-balls", "--no-normals"]);
+    let (mut worst, mut turned) = (0.0f32, 0.0f32);
+    for y in 0..SIZE[1] {
+        for x in 0..SIZE[0] {
+            let Some((_, uv)) = seen(&shown.baked, eye, x, y) else { continue };
+            let e = of("", uv);
+            let more = ["sh1.x.", "sh1.y.", "sh1.z."]
+                .iter()
+                .zip((m - n).to_array())
+                .map(|(c, t)| of(c, uv) * t)
+                .sum::<Vec3>();
+            let want = 0.5 * (e + more).max(Vec3::ZERO);
+            worst = worst.max((got.rgb("", x, y) - want).abs().max_element() / (0.5 * e.max_element()));
+            turned = turned.max(((got.rgb("", x, y) - flat.rgb("", x, y)) / (0.5 * e)).abs().max_element());
+            assert!((flat.rgb("", x, y) / (0.5 * e) - 1.0).abs().max_element() < 1e-3, "without the map");
+        }
+    }
+    println!(
+        "at most {:.2} % beside what the directions say; the map changes up to {:.0} %",
+        100.0 * worst,
+        100.0 * turned
+    );
+    assert!(worst < 5e-3 && 0.2 < turned, "{worst} and {turned}");
+}
+
+/// A folder of bakes: each by its label, and the wiper has one on each side.
+#[test]
+fn several_bakes_lie_side_by_side() {
+    if !graphics::available("several_bakes_lie_side_by_side") {
+        return;
+    }
+    let dir = tool::folder_with(&room("baked").0);
+    for (label, samples) in [("few", "8"), ("many", "64")] {
+        let out = format!("bakes/{label}");
+        let args = [
+            "run",
+            "scene.glb",
+            "-o",
+            &out,
+            "--samples",
+            samples,
+            "--texels-per-metre",
+            "6",
+            "--progress",
+            "none",
+        ];
+        let _ = tool::bake(&args, dir.path()).expect(0);
+    }
+    let of = |args: &[&str]| picture(dir.path(), "bakes", &[&["--exposure", "1"], args].concat());
+    let (few, many) = (of(&["--bake", "few"]), of(&["--bake", "many"]));
+    let both = of(&["--bake", "few", "--against", "many", "--wipe", "0.25"]);
+    let mut different = 0;
+    for y in 0..SIZE[1] {
+        for x in 0..SIZE[0] {
+            let [a, b, c] = [&few, &many, &both].map(|p| p.rgb("", x, y));
+            assert_eq!(c, if x < SIZE[0] / 4 { a } else { b }, "{x}, {y}");
+            different += usize::from(a != b);
+        }
+    }
+    assert!(SIZE[0] * SIZE[1] / 2 < different, "{different} pixels differ");
+    let done = graphics::show(&["bakes", "--bake", "none", "--screenshot", "a.png"], dir.path()).expect(2);
+    assert!(done.stderr.contains("there is no bake `none`") && done.stderr.contains("few, many"), "{done}");
 }

@@ -81,6 +81,8 @@ pub(crate) struct Shot {
     /// Where in a pixel it is looked at, from its middle, and where in a froxel's depth, 0 to 1.
     pub(crate) shift: Vec2,
     pub(crate) depth: f32,
+    /// By what part of a froxel froxels are shifted.
+    pub(crate) froxel_shift: Vec2,
     /// Whether the last pass encodes as sRGB; else the picture is linear.
     pub(crate) encode: bool,
     /// Whether the last pass leaves out the tone curve: nits.
@@ -106,8 +108,8 @@ impl ViewUniform {
         let mut u = Self {
             clip_from_world: extent.clip_from_world([right, up, forward], eye, [near, far], shift),
             eye: wide(eye, if extent.flat { 1.0 } else { 0.0 }),
-            right: wide(right * extent.half.x, 0.0),
-            up: wide(up * extent.half.y, 0.0),
+            right: wide(right * extent.half.x, shot.froxel_shift.x),
+            up: wide(up * extent.half.y, shot.froxel_shift.y),
             forward: wide(forward, far),
             sky_turn: [0.0, 0.0, 0.0, 1.0],
             mean_light: wide(bake.mean_light(), f32::from(u8::from(bake.probes.is_some()))),

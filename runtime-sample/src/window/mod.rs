@@ -394,6 +394,7 @@ fn picture<'a>(
         froxels: renderer::froxels(size),
         shift: Vec2::ZERO,
         depth: 0.5,
+        froxel_shift: Vec2::ZERO,
         encode: !config.format.is_srgb(),
         radiance: false,
     };

@@ -17,7 +17,7 @@ struct Ray {
 }
 
 fn ray(at: vec2u) -> Ray {
-    let x = (vec2f(at) + 0.5) / vec2f(view.froxels.xy) * vec2f(2.0, -2.0) + vec2f(-1.0, 1.0);
+    let x = (vec2f(at) + 0.5 + vec2f(view.right.w, view.up.w)) / vec2f(view.froxels.xy) * vec2f(2.0, -2.0) + vec2f(-1.0, 1.0);
     let aside = view.right.xyz * x.x + view.up.xyz * x.y;
     let flat = view.eye.w;
     let d = view.forward.xyz + (1.0 - flat) * aside;
@@ -51,8 +51,8 @@ fn grid_light(p: vec3f, d: vec3f, g: f32) -> vec3f {
     return max(vec3f(0.0), sum) / max(l6.a, 1e-3);
 }
 
-// Light straight from lamps that is scattered against `r.direction` between t0 and t1 metres from its origin; asked for at p.
-fn lamp_light(r: Ray, p: vec3f, t0: f32, t1: f32, g: f32) -> vec3f {
+// Light straight from lamps that is scattered against `r.direction` between t0 and t1 metres from its origin.
+fn lamp_light(r: Ray, t0: f32, t1: f32, g: f32) -> vec3f {
     var sum = vec3f(0.0);
     let every = on(FOG_LAMPS);
     for (var i = 0u; i < view.switches.x; i++) {
@@ -61,18 +61,22 @@ fn lamp_light(r: Ray, p: vec3f, t0: f32, t1: f32, g: f32) -> vec3f {
         var travels = lamp.direction.xyz;
         var distance = 1e9;
         var light = lamp.intensity.rgb;
+        var p = r.origin + r.direction * mix(t0, t1, view.slices.z);
         if lamp.position.w != 2.0 {
-            let d = p - lamp.position.xyz;
-            distance = max(length(d), 1e-6);
-            travels = d / distance;
             // The mean of 1 / r^2 over the way through the froxel ([KF12]), which is finite where the way does not meet the lamp;
             // the froxel is as wide as it is here.
             let o = lamp.position.xyz - r.origin;
             let middle = dot(o, r.direction);
             let wide = 0.3 * length(view.right.xyz) * mix(0.5 * (t0 + t1), 1.0, view.eye.w) / f32(view.froxels.x);
             let beside = max(length(o - middle * r.direction), max(wide, 1e-4 * (t1 - t0)));
-            light = candela(lamp, travels, distance)
-                * (atan((t1 - middle) / beside) - atan((t0 - middle) / beside)) / (beside * (t1 - t0));
+            let a = atan((t0 - middle) / beside);
+            let b = atan((t1 - middle) / beside);
+            // Where it is as likely to be scattered as 1 / r^2 says.
+            p = r.origin + r.direction * (middle + beside * tan(mix(a, b, view.slices.z)));
+            let d = p - lamp.position.xyz;
+            distance = max(length(d), 1e-6 * t1);
+            travels = d / distance;
+            light = candela(lamp, travels, distance) * (b - a) / (beside * (t1 - t0));
         }
         if all(light <= vec3f(0.0)) { continue; }
         let seen = lit(lamp, p);
@@ -99,7 +103,7 @@ fn scatter(@builtin(global_invocation_id) id: vec3u) {
         // As heavy as what scatters there.
         let w = vec2f(dot(a.sigma_s, vec3f(1.0)), dot(b.sigma_s, vec3f(1.0)));
         let g = dot(w, vec2f(a.g, b.g)) / (w.x + w.y);
-        light = (grid_light(p, r.direction, g) + lamp_light(r, p, t0, t1, g)) * sigma_s * view.tone.x;
+        light = (grid_light(p, r.direction, g) + lamp_light(r, t0, t1, g)) * sigma_s * view.tone.x;
     }
     textureStore(scattered_out, id, vec4f(min(light, vec3f(6e4)), 0.0));
     textureStore(extinction_out, id, vec4f(min(sigma_t, vec3f(6e4)), 0.0));

@@ -18,6 +18,7 @@ fn fog(pixel: vec2f, ahead: f32) -> Fog {
         k = select(1.0 + log(ahead / first) / view.slices.y, ahead / first, ahead < first);
         k = min(k, slices);
     }
-    let at = vec3f(pixel * view.size.zw, (k + 0.5) / (slices + 2.0));
+    let shift = vec2f(view.right.w, view.up.w) / vec2f(view.froxels.xy);
+    let at = vec3f(pixel * view.size.zw - shift, (k + 0.5) / (slices + 2.0));
     return Fog(textureSampleLevel(fog_light, linear, at, 0.0).rgb, textureSampleLevel(fog_passing, linear, at, 0.0).rgb);
 }

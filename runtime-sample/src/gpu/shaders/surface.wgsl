@@ -74,9 +74,10 @@ fn bumped(n: vec3f, p: vec3f, uv: vec2f) -> vec3f {
     let texel = textureSample(normal_map, normal_sampler, uv).xyz * 2.0 - 1.0;
     let a = cross(py, n);
     let b = cross(n, px);
-    // v grows downwards in glTF and the map's second axis upwards.
-    let t = a * ux.x + b * uy.x;
-    let s = -(a * ux.y + b * uy.y);
+    // Gradients of u and v, times how large the pixel is; v grows downwards in glTF and the map's second axis upwards.
+    let turn = select(-1.0, 1.0, 0.0 < dot(px, a));
+    let t = turn * (a * ux.x + b * uy.x);
+    let s = -turn * (a * ux.y + b * uy.y);
     let most = max(dot(t, t), dot(s, s));
     if !(0.0 < most) { return n; }
     let scale = inverseSqrt(most) * material.other.z;

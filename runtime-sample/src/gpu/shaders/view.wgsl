@@ -4,7 +4,7 @@ struct View {
     clip_from_world: mat4x4f,
     // w: 1 for parallel cameras, else 0.
     eye: vec4f,
-    // To the right and the upper edge of the picture, at distance 1 ahead.
+    // To the right and the upper edge of the picture, at distance 1 ahead. w: by how much froxels are shifted, in froxels.
     right: vec4f,
     up: vec4f,
     // w: distance of the last slice of fog.
@@ -30,7 +30,7 @@ struct View {
     probe_offsets: vec4u,
     // Froxels along x, y and z; w: media.
     froxels: vec4u,
-    // Distance of the first slice's end; ln(last / first) / slices; where in a slice light is asked for, 0 to 1; frame number.
+    // Distance of the first slice's end; ln(last / first) / slices; where in a slice light is asked for, 0 to 1; spare.
     slices: vec4f,
     // Lamps; what is shown; bits: 1 fog, 2 lamps are added to fog; spare.
     switches: vec4u,
