@@ -11,8 +11,8 @@ use crate::{
 
 /// Shows a bake as a game would, from the files of its folder alone.
 ///
-/// DIR is a folder that `bake run` wrote, or holds such folders side by side, bakes of one scene whose names are labels. Without --screenshot and
-/// --turntable a window opens; H lists its keys.
+/// DIR is a folder that `bake run` wrote, or holds such folders side by side, bakes of one scene whose names are labels. Without --screenshot,
+/// --turntable and --timings a window opens; H lists its keys.
 #[derive(Debug, Parser)]
 #[command(version, max_term_width = 120)]
 pub(crate) struct Args {

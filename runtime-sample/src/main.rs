@@ -10,7 +10,7 @@ mod picture;
 mod view;
 mod window;
 
-use std::{fs, process::ExitCode};
+use std::{fs, path::PathBuf, process::ExitCode};
 
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
@@ -44,13 +44,13 @@ fn run(args: &Args) -> Result<()> {
         return window::run(args, &folders);
     }
     let (gpu, _) = Gpu::open(&device::instance(None), None, args.software)?;
-    let bakes = opened(args, &folders, &gpu)?;
+    let bakes = opened(args, &wanted(args, &folders), &gpu)?;
     bakes.iter().for_each(report);
     let radiance = match &args.screenshot {
         Some(path) => picture::kind(path)? == Kind::Exr,
         None => false,
     };
-    let mut studio = Studio::new(gpu, args.size, args.antialias, radiance);
+    let mut studio = Studio::new(gpu, args.size, args.antialias, radiance)?;
     let chosen = chosen(args, &bakes)?;
     let on_card = chosen.iter().map(|b| studio.renderer().upload(b)).collect::<Result<Vec<_>>>()?;
     let first = chosen.first().context("there is no bake")?;
@@ -82,9 +82,24 @@ fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
-/// Reads the bakes, those of one scene only.
-fn opened(args: &Args, folders: &[std::path::PathBuf], gpu: &Gpu) -> Result<Vec<Bake>> {
-    let reading = Reading { pages: args.pages, blocks: gpu.blocks, lamps: gpu::MOST_LAMPS };
+/// The folders of the bakes that a picture shows; all where a label is wrong, so that they can be named.
+fn wanted(args: &Args, folders: &[PathBuf]) -> Vec<PathBuf> {
+    let labels = [args.bake.as_ref(), args.against.as_ref()];
+    let is = |f: &PathBuf, label: &String| f.file_name().is_some_and(|n| n.to_string_lossy() == *label);
+    let named: Vec<PathBuf> =
+        labels.into_iter().flatten().filter_map(|l| folders.iter().find(|f| is(f, l))).cloned().collect();
+    let all = labels.iter().flatten().count();
+    match (args.bake.is_some(), named.len() == all) {
+        (true, true) => named,
+        (false, true) => folders.first().cloned().into_iter().chain(named).collect(),
+        (_, false) => folders.to_vec(),
+    }
+}
+
+/// Reads bakes, which should be of one scene.
+fn opened(args: &Args, folders: &[PathBuf], gpu: &Gpu) -> Result<Vec<Bake>> {
+    let reading =
+        Reading { pages: args.pages, blocks: gpu.blocks, lamps: gpu::MOST_LAMPS, volume: gpu.most_slices };
     let bakes: Vec<Bake> = folders.iter().map(|f| Bake::open(f, reading)).collect::<Result<_>>()?;
     let scene = |b: &Bake| b.manifest.inputs.iter().find(|i| i.role == "scene").map(|i| i.blake3.clone());
     if let Some(other) = bakes.iter().find(|b| scene(b) != scene(&bakes[0])) {

@@ -2,7 +2,7 @@
 
 use std::{path::Path, time::Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use glam::Vec2;
 use image::{Rgb, RgbImage};
 use wgpu::TextureFormat;
@@ -52,7 +52,19 @@ const PIXEL: u32 = 16;
 
 impl Studio {
     /// For pictures of a size, each the mean of `frames`; `wide` asks for 32-bit floats before tone mapping.
-    pub(crate) fn new(gpu: Gpu, size: [u32; 2], frames: u32, wide: bool) -> Self {
+    ///
+    /// # Errors
+    ///
+    /// If the pictures are larger than the adapter takes.
+    pub(crate) fn new(gpu: Gpu, size: [u32; 2], frames: u32, wide: bool) -> Result<Self> {
+        let bytes = u64::from(row(size)) * u64::from(size[1]);
+        let limits = gpu.device.limits();
+        ensure!(
+            size[0].max(size[1]) <= limits.max_texture_dimension_2d && bytes <= limits.max_buffer_size,
+            "{} x {} pixels are more than this adapter takes",
+            size[0],
+            size[1]
+        );
         let renderer = Renderer::new(gpu, 1, TextureFormat::Rgba32Float, wide);
         let out = renderer.gpu.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("out"),
@@ -66,11 +78,11 @@ impl Studio {
         });
         let read = renderer.gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("read"),
-            size: u64::from(row(size)) * u64::from(size[1]),
+            size: bytes,
             usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
             mapped_at_creation: false,
         });
-        Self { renderer, size, out, read, frames }
+        Ok(Self { renderer, size, out, read, frames })
     }
 
     /// What draws.

@@ -11,3 +11,8 @@ pub fn show(args: &[&str], dir: &Path) -> Finished {
 pub fn available(_: &str) -> bool {
     true
 }
+/// Whether there is a display.
+#[must_use]
+pub fn display(_: &str) -> bool {
+    true
+}

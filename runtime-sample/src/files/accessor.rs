@@ -55,11 +55,8 @@ fn elements<T: Clone>(
         let (at, new) = (at.get(indices.offset()..), new.get(values.offset()..));
         let (at, new) = (at.with_context(what)?, new.with_context(what)?);
         let count = sparse.count();
-        ensure!(
-            count * wide <= at.len() && count * size <= new.len(),
-            "{}: sparse elements are cut off",
-            what()
-        );
+        let fits = |each: usize, bytes: &[u8]| count.checked_mul(each).is_some_and(|n| n <= bytes.len());
+        ensure!(fits(wide, at) && fits(size, new), "{}: sparse elements are cut off", what());
         for (i, v) in at.chunks_exact(wide).zip(new.chunks_exact(size)).take(count) {
             let i = i.iter().rev().fold(0, |n, b| n << 8 | usize::from(*b));
             *out.get_mut(i).with_context(|| format!("{}: there is no element {i}", what()))? = element(v);

@@ -17,7 +17,7 @@ use tables::{
 use super::{
     page::{Page, Source},
     scene::{Camera, Scene},
-    volume::{Grid, Media},
+    volume::{BLOCKS, Grid, Media},
 };
 
 /// What a folder holds.
@@ -95,6 +95,8 @@ pub(crate) struct Reading {
     pub(crate) blocks: bool,
     /// Lamps whose light can be added to fog, at most.
     pub(crate) lamps: usize,
+    /// Texels along one axis of a volume, at most.
+    pub(crate) volume: u32,
 }
 
 /// The folders of the bakes in `dir`: itself, or those in it, by name.
@@ -142,10 +144,23 @@ impl Bake {
         let lamps: Vec<Lamp> = manifest.lights.iter().filter_map(lamp).collect();
         let media = Media::open(dir, &manifest.media)?;
         let apart = lamps.len() <= reading.lamps;
+        let fits = |g: &manifest::LightGrid| {
+            let slices = g.slices.saturating_mul(BLOCKS);
+            g.size[0].max(g.size[1]).max(slices) <= reading.volume
+        };
         let grid = match &manifest.light_grid {
-            Some(g) => Some(Grid::open(dir, g, apart)?),
-            None if media.all.is_empty() => None,
-            None => probes.as_ref().and_then(Grid::from_probes),
+            Some(g) if fits(g) => Some(Grid::open(dir, g, apart)?),
+            _ if media.all.is_empty() => None,
+            other => {
+                if let Some(g) = other {
+                    let name = dir.join(&g.file);
+                    crate::say(&format!(
+                        "{}: larger than this adapter takes; fog is lit by probes",
+                        name.display()
+                    ));
+                }
+                probes.as_ref().and_then(Grid::from_probes)
+            }
         };
         let sky = match &manifest.sky {
             manifest::Sky::Image { file: Some(file), .. } => Some(sky(&dir.join(file))?),

@@ -90,9 +90,9 @@ impl Material {
     pub(super) fn read(m: &gltf::Material<'_>) -> Self {
         let pbr = m.pbr_metallic_roughness();
         let mut out = Self {
-            base: pbr.base_color_factor().into(),
+            base: Vec4::from(pbr.base_color_factor()).clamp(Vec4::ZERO, Vec4::ONE),
             emission: Vec3::from(m.emissive_factor()) * m.emissive_strength().unwrap_or(1.0),
-            metal: pbr.metallic_factor(),
+            metal: pbr.metallic_factor().clamp(0.0, 1.0),
             double_sided: m.double_sided(),
             unlit: m.unlit(),
             alpha: match m.alpha_mode() {
@@ -110,14 +110,16 @@ impl Material {
             (out.maps[0], out.maps[3]) = (gloss.diffuse_texture().and_then(|t| map(&t)), None);
         }
         if let Some(t) = m.transmission() {
-            out.transmission = t.transmission_factor();
+            out.transmission = t.transmission_factor().clamp(0.0, 1.0);
             out.maps[2] = t.transmission_texture().and_then(|t| map(&t));
         }
         if let Some(n) = m.normal_texture() {
             out.bumps = n.scale();
             // The crate knows no transform of normal textures by itself.
-            let transform = n.extension_value("KHR_texture_transform").map_or(Mat3::IDENTITY, placement);
-            out.maps[4] = texture(&n.texture(), n.tex_coord(), transform);
+            let extension = n.extension_value("KHR_texture_transform");
+            let set = extension.and_then(|e| u32::try_from(e.get("texCoord")?.as_u64()?).ok());
+            let transform = extension.map_or(Mat3::IDENTITY, placement);
+            out.maps[4] = texture(&n.texture(), set.unwrap_or(n.tex_coord()), transform);
         }
         out
     }

@@ -87,7 +87,7 @@ impl Page {
         let errors = three("stderr.R", "stderr.G", "stderr.B")?;
         let filled = find("filled").unwrap_or_default();
         let (mut sum, mut n) = (glam::DVec3::ZERO, 0u32);
-        for (l, _) in light.iter().zip(&coverage).filter(|(_, a)| 0.0 < **a) {
+        for (l, _) in light.iter().zip(&coverage).filter(|(l, a)| 0.0 < **a && l.is_finite()) {
             (sum, n) = (sum + l.as_dvec3(), n + 1);
         }
         let mean = (sum / f64::from(n.max(1))).as_vec3();
@@ -101,6 +101,10 @@ impl Page {
         let figures = (0..light.len()).map(figure).collect();
         let texture = entry.texture.as_ref().filter(|_| source == Source::Ktx2);
         let texture = texture.map(|file| sized(dir, file, entry)).transpose()?;
+        if let (Some(t), Some(file)) = (&texture, &entry.texture) {
+            let known = matches!(t.format, Format::BC6H_UFLOAT_BLOCK | Format::R16G16B16A16_SFLOAT);
+            ensure!(known && t.layers == 1, "{}: not a lightmap; bake again", dir.join(file).display());
+        }
         let light = match texture {
             Some(texture) => Texels::Texture(if blocks { texture } else { texture.unpacked() }),
             None => Texels::Floats(light.iter().map(|l| l.extend(1.0).to_array()).collect()),

@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, fs, path::Path};
 
 use anyhow::{Context, Result, bail, ensure};
-use glam::{DMat4, DVec3, Mat3, Mat4, Vec2, Vec3};
+use glam::{DMat3, DMat4, DVec3, Mat4, Vec2, Vec3};
 use gltf::json::Value;
 use tables::format::manifest::Projection;
 
@@ -44,8 +44,8 @@ pub(crate) struct Vertex {
     pub(crate) normal: [f32; 3],
     /// Place on the page; (0, 0) is the top left corner.
     pub(crate) light: [f32; 2],
-    /// Texture coordinates of base colour (and metal), emission, transmission, normals; with their transforms.
-    pub(crate) maps: [[f32; 2]; 4],
+    /// Texture coordinates of base colour, emission, transmission, metal, normals; with their transforms.
+    pub(crate) maps: [[f32; 2]; MAPS],
     /// Vertex colour, 65535 is 1.
     pub(crate) tint: [u16; 4],
 }
@@ -101,9 +101,8 @@ impl Scene {
         let glb = gltf::Glb::from_slice(bytes)?;
         let blob = glb.bin.as_deref().unwrap_or_default();
         let mut root = gltf::json::Root::from_slice(&glb.json)?;
-        // Extensions that are required but do not matter here are no reason to refuse the file.
-        root.extensions_required.clear();
-        let file = gltf::Document::from_json(root)?;
+        checked(&mut root)?;
+        let file = gltf::Document::from_json_without_validation(root);
         let mut scene = Self::default();
         scene.materials.extend(file.materials().map(|m| Material::read(&m)));
         scene.materials.push(Material::standard());
@@ -118,18 +117,29 @@ impl Scene {
             used
         };
         for (image, used) in file.images().zip(used) {
-            scene.pictures.push(if used { Picture::read(&image, blob)? } else { None });
+            // As in the bake, a picture that cannot be read is none.
+            let picture = if used { Picture::read(&image, blob) } else { Ok(None) };
+            scene.pictures.push(picture.unwrap_or_else(|e| {
+                crate::say(&format!("scene.glb: {e:#}; it is left out"));
+                None
+            }));
         }
         for m in &mut scene.materials {
             for map in &mut m.maps {
                 *map = map.filter(|m| matches!(scene.pictures.get(m.image), Some(Some(_))));
             }
         }
-        let root = file.default_scene().or_else(|| file.scenes().next()).context("there is no scene")?;
+        let mut seen = vec![false; file.nodes().len()];
         let mut gathered = Gathered { positions: Vec::new(), vertices: Vec::new(), parts: BTreeMap::new() };
         let mut cameras = Vec::new();
-        let mut stack: Vec<_> = root.nodes().map(|n| (n, DMat4::IDENTITY)).collect();
+        let mut stack: Vec<_> = roots(&file).into_iter().map(|n| (n, DMat4::IDENTITY)).collect();
         while let Some((node, parent)) = stack.pop() {
+            // Below two parents, or above itself.
+            ensure!(
+                !std::mem::replace(&mut seen[node.index()], true),
+                "node {} is there twice",
+                node.index()
+            );
             if hidden(&node) {
                 continue;
             }
@@ -214,6 +224,46 @@ impl Scene {
     }
 }
 
+/// Nodes of the scene; where there is none, all that are below no other.
+fn roots(file: &gltf::Document) -> Vec<gltf::Node<'_>> {
+    if let Some(scene) = file.default_scene().or_else(|| file.scenes().next()) {
+        return scene.nodes().collect();
+    }
+    let mut below = vec![false; file.nodes().len()];
+    file.nodes()
+        .flat_map(|n| n.children().map(|c| c.index()).collect::<Vec<_>>())
+        .for_each(|c| below[c] = true);
+    file.nodes().filter(|n| !below[n.index()]).collect()
+}
+
+/// Takes away what does not matter here, and refuses what points nowhere.
+fn checked(root: &mut gltf::json::Root) -> Result<()> {
+    use gltf::json::validation::{Checked, Error, Validate};
+    // Extensions that are required but do not matter here are no reason to refuse the file.
+    root.extensions_required.clear();
+    for s in &mut root.samplers {
+        s.mag_filter = s.mag_filter.take().filter(|f| matches!(f, Checked::Valid(_)));
+        s.min_filter = s.min_filter.take().filter(|f| matches!(f, Checked::Valid(_)));
+    }
+    // The crate looks at the accessors of positions before it knows that they are there.
+    let n = root.accessors.len();
+    for (i, mesh) in root.meshes.iter().enumerate() {
+        let attributes = mesh.primitives.iter().flat_map(|p| p.attributes.values());
+        ensure!(attributes.into_iter().all(|a| a.value() < n), "meshes[{i}]: an accessor does not exist");
+    }
+    let mut wrong = Vec::new();
+    root.validate(root, gltf::json::Path::new, &mut |path, error| {
+        let path = path().to_string();
+        // Bounds of positions are not needed, and bakes are made without them.
+        let bounds = path.ends_with(".min") || path.ends_with(".max");
+        if !(bounds && matches!(error, Error::Missing | Error::Invalid)) {
+            wrong.push(format!("{path}: {error}"));
+        }
+    });
+    ensure!(wrong.is_empty(), "{}", wrong.join("; "));
+    Ok(())
+}
+
 /// Whether `KHR_node_visibility` hides a node and all below it.
 fn hidden(node: &gltf::Node<'_>) -> bool {
     let said = node.extension_value("KHR_node_visibility");
@@ -275,7 +325,7 @@ impl Gathered {
             None => (0..n).collect(),
         };
         // A mirroring transform turns front faces around.
-        let turned = Mat3::from_mat4(world.as_mat4());
+        let turned = DMat3::from_mat4(world);
         let mirrored = turned.determinant() < 0.0;
         let mut triangles = triangles(primitive.mode(), &indices);
         ensure!(triangles.iter().flatten().all(|i| *i < n), "an index is out of range");
@@ -288,18 +338,21 @@ impl Gathered {
             let uv = map.map(|m| m.at(sets[&m.set].get(i).copied().map_or(Vec2::ZERO, Vec2::from)));
             uv.unwrap_or_default().to_array()
         };
-        let up = turned.inverse().transpose();
+        // Normals go by cofactors, which also flat nodes have.
+        let sign = if mirrored { -1.0 } else { 1.0 };
+        let [x, y, z] = [0, 1, 2].map(|i| turned.col(i));
+        let up = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)) * sign;
         let vertex = |i: usize, flat: Vec3| {
-            let normal = normals.as_ref().and_then(|n| n.get(i)).map(|n| up * Vec3::from(*n));
+            let normal = normals.as_ref().and_then(|n| n.get(i)).map(|n| up * Vec3::from(*n).as_dvec3());
             let mut tint = tints.as_ref().and_then(|t| t.get(i)).copied().unwrap_or([1.0; 4]);
             if opaque {
                 tint[3] = 1.0;
             }
             Vertex {
                 position: [0.0; 3],
-                normal: normal.and_then(Vec3::try_normalize).unwrap_or(flat).to_array(),
+                normal: normal.and_then(DVec3::try_normalize).map_or(flat, DVec3::as_vec3).to_array(),
                 light: light.as_ref().and_then(|l| l.get(i)).copied().unwrap_or_default(),
-                maps: [0, 1, 2, 4].map(|k| lies(m.maps[k].as_ref(), i)),
+                maps: std::array::from_fn(|k| lies(m.maps[k].as_ref(), i)),
                 tint: tint.map(sixteen),
             }
         };
@@ -362,11 +415,6 @@ fn page(primitive: &gltf::Primitive<'_>) -> Option<usize> {
     let extras: Value = gltf::json::deserialize::from_str(primitive.extras().as_ref()?.get()).ok()?;
     usize::try_from(extras.get("lightmap")?.get("page")?.as_u64()?).ok()
 }
-
-const _: () = assert!(
-    MAPS == 5,
-    "metal lies where base colour does, so vertices have one pair fewer than materials have maps"
-);
 
 impl Material {
     /// The alpha below which nothing is there; -1 where alpha says no such thing.

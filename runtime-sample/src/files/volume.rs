@@ -64,8 +64,11 @@ impl Grid {
     /// The light of probes at the nodes of an even lattice over them, for bakes without a light grid.
     pub(crate) fn from_probes(probes: &ProbeVolume) -> Option<Self> {
         let l = &probes.lattice;
-        let cells = l.size.map(|n| 4 * n);
-        let most = cells.into_iter().max().filter(|n| 0 < *n)?;
+        if l.size.contains(&0) {
+            return None;
+        }
+        let cells = l.size.map(|n| n.saturating_mul(4));
+        let most = cells.into_iter().max()?;
         let nodes = most.min(MOST_NODES) as f32;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most MOST_NODES")]
         let size = cells.map(|n| ((n as f32 / most as f32 * nodes).round() as u32).max(1) + 1);

@@ -33,7 +33,7 @@ pub(super) struct Shadow {
 pub(super) struct Plan {
     /// Of each lamp; none where it needs none or there is no room, and then it is dark.
     pub(super) shadows: Vec<Option<Shadow>>,
-    /// World to clip space, layer by layer; depth is 0 near and 1 far away.
+    /// World to clip space, layer by layer; depth is 1 near and 0 far away.
     pub(super) clip_from_world: Vec<Mat4>,
 }
 
@@ -70,9 +70,10 @@ fn views(lamp: &Lamp, bake: &Bake) -> Vec<Mat4> {
     let at = local(lamp.position, bake);
     let side = |d: Vec3| if d.y.abs() < 0.99 { Vec3::Y } else { Vec3::X };
     let far = lamp.range.unwrap_or(f32::INFINITY).min(at.length() + radius).max(f32::MIN_POSITIVE);
-    let near = 1e-3 * far;
+    // As near as the lamp's own shade; depth is 1 there and 0 far away, where floats are finest.
+    let near = 1e-5 * far;
     let looking =
-        |d: Vec3, angle: f32| proj::perspective(angle, 1.0, near, far) * view::look_to_mat4(at, d, side(d));
+        |d: Vec3, angle: f32| proj::perspective(angle, 1.0, far, near) * view::look_to_mat4(at, d, side(d));
     match lamp.kind {
         Kind::Spot if lamp.cone[1] < WIDEST => vec![looking(lamp.direction, 2.02 * lamp.cone[1])],
         Kind::Point | Kind::Spot => {
@@ -81,7 +82,7 @@ fn views(lamp: &Lamp, bake: &Bake) -> Vec<Mat4> {
         Kind::Sun => {
             let d = lamp.direction;
             let seen = view::look_to_mat4(-d * radius, d, side(d));
-            vec![proj::orthographic(-radius, radius, -radius, radius, 0.0, 2.0 * radius) * seen]
+            vec![proj::orthographic(-radius, radius, -radius, radius, 2.0 * radius, 0.0) * seen]
         }
     }
 }

@@ -172,6 +172,7 @@ impl Layouts {
                     entry(7, fragment, FILTERS),
                     entry(8, fragment, FILTERS),
                     entry(9, fragment, FILTERS),
+                    entry(10, fragment, FILTERS),
                 ],
             ),
             page: layout(
@@ -190,7 +191,7 @@ impl Layouts {
 }
 
 /// Buffers of vertices: corners of the scene.
-const CORNERS: [VertexAttribute; 8] = {
+const CORNERS: [VertexAttribute; 9] = {
     const fn at(shader_location: u32, offset: u64, format: VertexFormat) -> VertexAttribute {
         VertexAttribute { format, offset, shader_location }
     }
@@ -202,15 +203,16 @@ const CORNERS: [VertexAttribute; 8] = {
         at(4, 40, VertexFormat::Float32x2),
         at(5, 48, VertexFormat::Float32x2),
         at(6, 56, VertexFormat::Float32x2),
-        at(7, 64, VertexFormat::Unorm16x4),
+        at(7, 64, VertexFormat::Float32x2),
+        at(8, 72, VertexFormat::Unorm16x4),
     ]
 };
 
-const _: () = assert!(size_of::<Vertex>() == 72);
+const _: () = assert!(size_of::<Vertex>() == 80);
 
 fn corners() -> wgpu::VertexBufferLayout<'static> {
     wgpu::VertexBufferLayout {
-        array_stride: 72,
+        array_stride: 80,
         step_mode: wgpu::VertexStepMode::Vertex,
         attributes: &CORNERS,
     }
@@ -455,10 +457,10 @@ impl Fixed {
             })
         };
         let shadow = shader(gpu, "shadow", &[include_str!("shaders/shadow.wgsl")]);
-        let mut state = depth(true, wgpu::CompareFunction::LessEqual);
+        let mut state = depth(true, wgpu::CompareFunction::GreaterEqual);
         if let Some(s) = &mut state {
             // A texel of the map is wider than what it shadows; in units of the last digit and of the surface's slope.
-            s.bias = wgpu::DepthBiasState { constant: 4, slope_scale: 2.0, clamp: 0.0 };
+            s.bias = wgpu::DepthBiasState { constant: -4, slope_scale: -2.0, clamp: 0.0 };
         }
         let drawn = Drawing {
             label: "shadow",

@@ -166,8 +166,10 @@ impl Renderer {
                 how.iter().map(|how| side.surface(p, *how))
             });
             self.pipelines.prepare(&self.gpu, wanted);
-            if self.fog[i].as_ref().is_none_or(|f| f.froxels != shot.froxels) {
-                self.fog[i] = Some(Fog::new(&self.gpu, &self.layouts, shot.froxels));
+            // Something has to be bound where there is no fog.
+            let froxels = if side.foggy() { shot.froxels } else { [1; 3] };
+            if self.fog[i].as_ref().is_none_or(|f| f.froxels != froxels) {
+                self.fog[i] = Some(Fog::new(&self.gpu, &self.layouts, froxels));
             }
         }
         if self.targets.as_ref().is_none_or(|t| t.size != shot.size) {

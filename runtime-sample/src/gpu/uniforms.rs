@@ -103,7 +103,8 @@ impl ViewUniform {
         let [right, up, forward] = pose.axes();
         let eye = (pose.eye - bake.scene.origin).as_vec3();
         let far = (eye.length() + on_card.radius).max(f32::MIN_POSITIVE);
-        let near = (5e-4 * bake.scene.radius).min(0.02 * pose.focus).max(f32::MIN_POSITIVE);
+        // Depth is 1 there and falls with the distance, so that nothing is lost by being near.
+        let near = (1e-5 * bake.scene.radius).max(f32::MIN_POSITIVE);
         let shift = shot.shift * Vec2::new(2.0 / w, -2.0 / h);
         let mut u = Self {
             clip_from_world: extent.clip_from_world([right, up, forward], eye, [near, far], shift),

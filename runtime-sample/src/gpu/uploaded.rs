@@ -69,6 +69,18 @@ impl Uploaded {
             );
         }
         let scene = &bake.scene;
+        let limits = gpu.device.limits();
+        let most = limits.max_buffer_size.min(limits.max_storage_buffer_binding_size);
+        let probes = ProbeArrays::new(bake)?;
+        let larger = [
+            ("vertices", size_of_val(&scene.vertices[..])),
+            ("indices", size_of_val(&scene.indices[..])),
+            ("probes", probes.words.len().max(size_of_val(&probes.light[..]))),
+        ];
+        for (what, bytes) in larger {
+            let fits = u64::try_from(bytes).is_ok_and(|b| b <= most);
+            ensure!(fits, "the {what} of {} have {bytes} bytes, this adapter takes {most}", bake.label);
+        }
         let vertices = gpu.buffer("vertices", cast_slice(&scene.vertices), BufferUsages::VERTEX);
         let indices = gpu.buffer("indices", cast_slice(&scene.indices), BufferUsages::INDEX);
         let mut textures = Textures::new(gpu);
@@ -90,7 +102,7 @@ impl Uploaded {
             bake.lamps.iter().zip(&plan.shadows).map(|(l, s)| LampUniform::new(l, *s, bake)).collect();
         let media: Vec<_> = bake.media.all.iter().map(|m| MediumUniform::new(m, bake)).collect();
 
-        let grid = bake.grid.as_ref().filter(|g| g.slices * crate::files::volume::BLOCKS <= gpu.most_slices);
+        let grid = bake.grid.as_ref();
         let grid_view = match grid {
             Some(g) => {
                 let size = [g.size[0], g.size[1], g.slices * crate::files::volume::BLOCKS];
@@ -113,8 +125,6 @@ impl Uploaded {
             Some(s) => gpu.texture("sky", Shape::Flat([s.width, s.height]), HALF, cast_slice(&s.texels)),
             None => gpu.texture("sky", Shape::Flat([1; 2]), HALF, &[0; 8]),
         };
-        let probes = ProbeArrays::new(bake)?;
-
         let view_size = size_of::<ViewUniform>() as u64;
         let view = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("view"),
@@ -127,7 +137,7 @@ impl Uploaded {
             label: Some("nearer"),
             mag_filter: wgpu::FilterMode::Linear,
             min_filter: wgpu::FilterMode::Linear,
-            compare: Some(wgpu::CompareFunction::LessEqual),
+            compare: Some(wgpu::CompareFunction::GreaterEqual),
             ..Default::default()
         });
         let linear = clamped(gpu);
@@ -292,7 +302,7 @@ fn shadow_maps(
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: &view,
                 depth_ops: Some(wgpu::Operations {
-                    load: wgpu::LoadOp::Clear(1.0),
+                    load: wgpu::LoadOp::Clear(0.0),
                     store: wgpu::StoreOp::Store,
                 }),
                 stencil_ops: None,
@@ -401,7 +411,7 @@ impl Textures {
                 .or_insert_with(|| mipmapped(gpu, picture, encoded[i]))
                 .clone()
         });
-        let samplers: [wgpu::Sampler; 4] = [0, 1, 2, 4].map(|i| {
+        let samplers: [wgpu::Sampler; 5] = std::array::from_fn(|i| {
             let map = m.maps[i];
             let key = map.map_or((Wrap::Repeat, Wrap::Repeat, false), |m| (m.wrap[0], m.wrap[1], m.nearest));
             self.samplers.entry(key).or_insert_with(|| sampler(gpu, key)).clone()

@@ -70,7 +70,10 @@ impl Pose {
     pub(crate) fn extent(&self, aspect: f32) -> Extent {
         let (flat, half, wanted) = match self.projection {
             Projection::Perspective { yfov, aspect } => (false, (0.5 * yfov).tan(), aspect),
-            Projection::Orthographic { xmag, ymag } => (true, ymag.abs(), (xmag / ymag).abs()),
+            Projection::Orthographic { xmag, ymag } => {
+                let height = ymag.abs().max(f32::MIN_POSITIVE);
+                (true, height, (xmag.abs() / height).min(1e4))
+            }
         };
         let height = half * (wanted / aspect).max(1.0);
         Extent { flat, half: Vec2::new(height * aspect, height) }
@@ -110,7 +113,7 @@ impl Extent {
         let row = |axis: Vec3, size: f32| (axis / size).extend(-axis.dot(eye) / size);
         let (x, y, ahead) = (row(right, self.half.x), row(up, self.half.y), row(forward, 1.0));
         let (z, w) = if self.flat {
-            ((glam::Vec4::W * far - ahead) / (2.0 * far), glam::Vec4::W)
+            ((glam::Vec4::W * far - ahead) / far, glam::Vec4::W)
         } else {
             (glam::Vec4::W * near, ahead)
         };

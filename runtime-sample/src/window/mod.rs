@@ -21,7 +21,7 @@ use winit::{
 
 use crate::{
     args::Args,
-    files::bake::Bake,
+    files::{bake::Bake, scene::Camera},
     gpu::{
         device::{self, Gpu, Shape},
         renderer::{self, Picture, Renderer, ShotOf as Shot},
@@ -71,6 +71,9 @@ struct Running {
     drag: Option<PhysicalPosition<f64>>,
     cursor: PhysicalPosition<f64>,
     last: Instant,
+    /// Whether nobody can see the window, and whether it has no pixels.
+    hidden: bool,
+    empty: bool,
     quit: bool,
 }
 
@@ -150,9 +153,10 @@ impl Running {
         let mut config = surface
             .get_default_config(&adapter, size.width.max(1), size.height.max(1))
             .context("the graphics adapter cannot draw in the window")?;
-        // The tone curve encodes by itself.
+        // The tone curve encodes by itself, and pictures are read back as bytes.
+        let bytes = [wgpu::TextureFormat::Rgba8Unorm, wgpu::TextureFormat::Bgra8Unorm];
         let formats = surface.get_capabilities(&adapter).formats;
-        config.format = formats.iter().find(|f| !f.is_srgb()).copied().unwrap_or(config.format);
+        config.format = formats.iter().find(|f| bytes.contains(f)).copied().unwrap_or(config.format);
         config.present_mode = wgpu::PresentMode::AutoVsync;
         surface.configure(&gpu.device, &config);
         let loaded = crate::opened(args, folders, &gpu)?;
@@ -182,11 +186,17 @@ impl Running {
             drag: None,
             cursor: PhysicalPosition::default(),
             last: Instant::now(),
+            hidden: false,
+            empty: false,
             quit: false,
         })
     }
 
     fn moves(&self) -> bool {
+        !self.hidden && !self.empty && self.wants_more()
+    }
+
+    fn wants_more(&self) -> bool {
         self.held.moves() || (self.scene.look.balls && !self.scene.balls.is_empty()) || self.scene.times
     }
 
@@ -196,14 +206,23 @@ impl Running {
             WindowEvent::CloseRequested => self.quit = true,
             WindowEvent::Resized(size) => {
                 (self.config.width, self.config.height) = (size.width.max(1), size.height.max(1));
+                self.empty = size.width == 0 || size.height == 0;
                 self.surface.configure(&self.renderer.gpu.device, &self.config);
                 self.window.request_redraw();
             }
             WindowEvent::RedrawRequested => return self.frame(),
-            WindowEvent::Focused(false) => self.held.clear(),
-            WindowEvent::KeyboardInput { event, .. } if !taken => {
+            WindowEvent::Focused(false) => {
+                self.held.clear();
+                self.drag = None;
+            }
+            WindowEvent::Occluded(hidden) => {
+                self.hidden = hidden;
+                self.window.request_redraw();
+            }
+            WindowEvent::KeyboardInput { event, .. } => {
                 if let PhysicalKey::Code(key) = event.physical_key {
-                    let down = event.state == ElementState::Pressed;
+                    // What is let go is let go, whoever listens.
+                    let down = event.state == ElementState::Pressed && !taken;
                     self.held.set(key, down);
                     let again = event.repeat;
                     if let Some(action) =
@@ -270,7 +289,11 @@ impl Running {
             Action::Panel => s.panel ^= true,
             Action::Help => s.help ^= true,
             Action::Times => s.times ^= true,
-            Action::Screenshot => return self.screenshot(),
+            // A picture that cannot be written is no reason to close the window.
+            Action::Screenshot => match self.screenshot() {
+                Ok(path) => crate::say(&format!("{} written", path.display())),
+                Err(e) => crate::say(&format!("no picture: {e:#}")),
+            },
             Action::Quit => self.quit = true,
         }
         Ok(())
@@ -296,7 +319,9 @@ impl Running {
             wgpu::CurrentSurfaceTexture::Suboptimal(t) => t,
             wgpu::CurrentSurfaceTexture::Outdated | wgpu::CurrentSurfaceTexture::Lost => {
                 self.surface.configure(&self.renderer.gpu.device, &self.config);
-                self.window.request_redraw();
+                if !self.empty {
+                    self.window.request_redraw();
+                }
                 return Ok(());
             }
             wgpu::CurrentSurfaceTexture::Timeout | wgpu::CurrentSurfaceTexture::Occluded => return Ok(()),
@@ -338,7 +363,7 @@ impl Running {
     }
 
     /// Writes what the window shows, without the panel.
-    fn screenshot(&mut self) -> Result<()> {
+    fn screenshot(&mut self) -> Result<PathBuf> {
         let size = [self.config.width, self.config.height];
         let texture = self.renderer.gpu.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("screenshot"),
@@ -377,8 +402,7 @@ impl Running {
         });
         let path = free_name(&self.bakes[self.scene.bake].0.label)?;
         picture.save(&path).with_context(|| format!("{}: cannot write", path.display()))?;
-        crate::say(&format!("{} written", path.display()));
-        Ok(())
+        Ok(path)
     }
 }
 
@@ -416,7 +440,8 @@ fn free_name(label: &str) -> Result<PathBuf> {
 /// A camera of the scene, the one of the preview before all others.
 fn pose_of(bake: &Bake, number: usize) -> Pose {
     let preview = bake.camera();
-    let others: Vec<_> = bake.scene.cameras.iter().filter(|c| c.name != preview.name).collect();
+    let other = |c: &&Camera| !c.world_from_camera.abs_diff_eq(preview.world_from_camera, 1e-5);
+    let others: Vec<_> = bake.scene.cameras.iter().filter(other).collect();
     match number % (others.len() + 1) {
         0 => Pose::new(&preview, bake),
         n => Pose::new(others[n - 1], bake),

@@ -39,7 +39,7 @@ impl Panel {
         self.redraw |= response.repaint;
         // Keys are the window's unless something is written.
         match event {
-            WindowEvent::KeyboardInput { .. } => self.context.egui_wants_keyboard_input(),
+            WindowEvent::KeyboardInput { .. } => self.context.text_edit_focused(),
             _ => response.consumed,
         }
     }

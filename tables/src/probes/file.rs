@@ -20,8 +20,8 @@
 //! // `origin`, `spacing`, `size`: uniforms from the header; `index`, `bricks`, `occlusions`: array<u32>, `light`: array<f32>, all in storage.
 //! // E / pi at `p` for the normal `n`, nits, not negative.
 //! fn probes(p: vec3f, n: vec3f) -> vec3f {
-//!     let from = p - origin;
-//!     let at = clamp(from / spacing, vec3f(0), vec3f(4u * size));
+//!     let inside = p - origin;
+//!     let at = clamp(inside / spacing, vec3f(0), vec3f(4u * size));
 //!     let b = min(vec3u(at / 4.0), size - 1u);
 //!     let brick = index[(b.z * size.y + b.y) * size.x + b.x];
 //!     if brick == 0xffffffffu { return vec3f(0); }
@@ -37,7 +37,7 @@
 //!             let o = occlusion * 64u + 4u * k;
 //!             let plane = vec4f(bitcast<f32>(occlusions[o]), bitcast<f32>(occlusions[o + 1u]),
 //!                 bitcast<f32>(occlusions[o + 2u]), bitcast<f32>(occlusions[o + 3u]));
-//!             region |= select(0u, 1u, plane.w < dot(plane.xyz, from)) << k;
+//!             region |= select(0u, 1u, plane.w < dot(plane.xyz, inside)) << k;
 //!         }
 //!         let own = occlusions[occlusion * 64u + 48u + region];
 //!         if own != 0xffffffffu { return irradiance(own, n); }

@@ -30,7 +30,7 @@ fn fragment(in: Out) -> @location(0) vec4f {
         light = irradiance(u32(in.albedo.w) - 1u, n);
     } else {
         if view.mean_light.w == 1.0 { light = probes(in.position + n * (0.01 * view.probe_origin.w), n); }
-        light += added(in.position, n);
+        if view.switches.y == 0u { light += added(in.position, n); }
     }
     let own = in.albedo.rgb * light * view.tone.x;
     // Among figures there is no light to be seen.

@@ -105,8 +105,10 @@ fn scatter(@builtin(global_invocation_id) id: vec3u) {
         let g = dot(w, vec2f(a.g, b.g)) / (w.x + w.y);
         light = (grid_light(p, r.direction, g) + lamp_light(r, t0, t1, g)) * sigma_s * view.tone.x;
     }
-    textureStore(scattered_out, id, vec4f(min(light, vec3f(6e4)), 0.0));
-    textureStore(extinction_out, id, vec4f(min(sigma_t, vec3f(6e4)), 0.0));
+    // Of the whole way through, not for each metre: half floats hold that whatever a scene's size.
+    let way = t1 - t0;
+    textureStore(scattered_out, id, vec4f(min(light * way, vec3f(6e4)), 0.0));
+    textureStore(extinction_out, id, vec4f(min(sigma_t * way, vec3f(6e4)), 0.0));
 }
 
 @group(2) @binding(0) var scattered: texture_3d<f32>;
@@ -120,20 +122,19 @@ fn accumulate(@builtin(global_invocation_id) id: vec3u) {
     var light = vec3f(0.0);
     var passes = vec3f(1.0);
     var s = vec3f(0.0);
-    var sigma_t = vec3f(0.0);
+    var depth = vec3f(0.0);
     for (var k = 0u; k < view.froxels.z; k++) {
         store(id.xy, k, light, passes);
-        let way = (slice_start(f32(k) + 1.0) - slice_start(f32(k))) * r.stretch;
         s = textureLoad(scattered, vec3u(id.xy, k), 0).rgb;
-        sigma_t = textureLoad(extinction, vec3u(id.xy, k), 0).rgb;
-        light += passes * s * mean_passing(sigma_t, way);
-        passes *= exp(-sigma_t * way);
+        depth = textureLoad(extinction, vec3u(id.xy, k), 0).rgb;
+        light += passes * s * mean_passing(depth);
+        passes *= exp(-depth);
     }
     store(id.xy, view.froxels.z, light, passes);
     // Beyond the last slice are only media that have no end, lit as they are there.
     let last = slice_start(f32(view.froxels.z)) * r.stretch;
     let beyond = exp(-optical_depth(r.origin + r.direction * last, r.direction, 1e9));
-    light += select(vec3f(0.0), passes * s * (1.0 - beyond) / sigma_t, vec3f(0.0) < sigma_t);
+    light += select(vec3f(0.0), passes * s * (1.0 - beyond) / depth, vec3f(0.0) < depth);
     store(id.xy, view.froxels.z + 1u, light, passes * beyond);
 }
 
@@ -142,8 +143,7 @@ fn store(at: vec2u, k: u32, light: vec3f, passes: vec3f) {
     textureStore(extinction_out, vec3u(at, k), vec4f(passes, 1.0));
 }
 
-// The integral of exp(-sigma t) over a way.
-fn mean_passing(sigma: vec3f, way: f32) -> vec3f {
-    let x = sigma * way;
-    return way * select((1.0 - exp(-x)) / x, 1.0 - 0.5 * x, x < vec3f(1e-3));
+// What passes on average over a way of an optical depth.
+fn mean_passing(x: vec3f) -> vec3f {
+    return select((1.0 - exp(-x)) / x, 1.0 - 0.5 * x, x < vec3f(1e-3));
 }

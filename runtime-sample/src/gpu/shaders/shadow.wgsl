@@ -18,7 +18,7 @@ struct Out {
 }
 
 @vertex
-fn vertex(@location(0) position: vec3f, @location(3) base: vec2f, @location(7) tint: vec4f) -> Out {
+fn vertex(@location(0) position: vec3f, @location(3) base: vec2f, @location(8) tint: vec4f) -> Out {
     return Out(clip_from_world * vec4f(position, 1.0), base, tint.a);
 }
 

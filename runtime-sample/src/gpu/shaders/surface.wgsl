@@ -31,7 +31,8 @@ struct Material {
 @group(2) @binding(6) var base_sampler: sampler;
 @group(2) @binding(7) var glow_sampler: sampler;
 @group(2) @binding(8) var pass_sampler: sampler;
-@group(2) @binding(9) var normal_sampler: sampler;
+@group(2) @binding(9) var metal_sampler: sampler;
+@group(2) @binding(10) var normal_sampler: sampler;
 
 @group(3) @binding(0) var light_map: texture_2d<f32>;
 @group(3) @binding(1) var direction_map: texture_2d_array<f32>;
@@ -44,8 +45,9 @@ struct In {
     @location(3) base: vec2f,
     @location(4) glow: vec2f,
     @location(5) pass_: vec2f,
-    @location(6) bumps: vec2f,
-    @location(7) tint: vec4f,
+    @location(6) metal: vec2f,
+    @location(7) bumps: vec2f,
+    @location(8) tint: vec4f,
 }
 
 struct Out {
@@ -56,13 +58,14 @@ struct Out {
     @location(3) base: vec2f,
     @location(4) glow: vec2f,
     @location(5) pass_: vec2f,
-    @location(6) bumps: vec2f,
-    @location(7) tint: vec4f,
+    @location(6) metal: vec2f,
+    @location(7) bumps: vec2f,
+    @location(8) tint: vec4f,
 }
 
 @vertex
 fn vertex(in: In) -> Out {
-    return Out(view.clip_from_world * vec4f(in.position, 1.0), in.position, in.normal, in.light, in.base, in.glow, in.pass_, in.bumps, in.tint);
+    return Out(view.clip_from_world * vec4f(in.position, 1.0), in.position, in.normal, in.light, in.base, in.glow, in.pass_, in.metal, in.bumps, in.tint);
 }
 
 // The normal of the normal map, from how position and coordinates change from pixel to pixel: no tangents are needed.
@@ -111,7 +114,7 @@ fn shade(in: Out, front: bool) -> Shaded {
     var passing = 0.0;
     if PASSES { passing = material.other.x * textureSample(pass_map, pass_sampler, in.pass_).r; }
     var metal = 0.0;
-    if METALS_BLACK { metal = material.other.y * textureSample(metal_map, base_sampler, in.base).b; }
+    if METALS_BLACK { metal = material.other.y * textureSample(metal_map, metal_sampler, in.metal).b; }
     let n = normalize(in.normal);
     var m = n;
     if LIGHT == 2u { m = bumped(n, in.position, in.bumps); }
@@ -140,13 +143,13 @@ fn shade(in: Out, front: bool) -> Shaded {
             + textureSampleLevel(direction_map, linear, in.light, 2, 0.0).rgb * turn.z;
         light = max(light, vec3f(0.0));
     }
-    if ADDED { light += added(in.position, m * towards); }
+    if ADDED && SHOWN == 0u { light += added(in.position, m * towards); }
 
     let tint = albedo_.rgb;
     if SHOWN == 0u {
         var own = albedo * light * (1.0 - passing) + glow;
         // What is not lit shows its colour as the tone curve would leave middle grey.
-        if (bits & 2u) != 0u { own = albedo * (0.18 / (view.tone.x * view.tone.y)); }
+        if (bits & 2u) != 0u { own = albedo_.rgb * (0.18 / (view.tone.x * view.tone.y)); }
         return Shaded(own * view.tone.x * alpha, 1.0 - alpha + alpha * passing * tint, 1.0);
     }
     let there = alpha * (1.0 - passing);

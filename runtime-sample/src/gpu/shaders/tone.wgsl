@@ -14,9 +14,9 @@ fn vertex(@builtin(vertex_index) i: u32) -> @builtin(position) vec4f {
     return vec4f(select(-1.0, 3.0, i == 1u), select(-1.0, 3.0, i == 2u), 0.0, 1.0);
 }
 
-// Figures (alpha 0) are shown as they are; radiance is, where it is asked for.
+// Figures (alpha 0) are shown as they are; radiance has no curve, where it is asked for.
 fn linear_of(c: vec4f) -> vec3f {
-    if view.tone.w == 1.0 { return c.rgb * view.tone.y; }
+    if view.tone.w == 1.0 { return c.rgb * select(1.0, view.tone.y, 0.5 < c.a); }
     return select(clamp(c.rgb, vec3f(0.0), vec3f(1.0)), curve(c.rgb * view.tone.y), 0.5 < c.a);
 }
 

@@ -141,10 +141,10 @@ fn lit(lamp: Lamp, p: vec3f) -> f32 {
     }
     let q = shadow_from_world[layer] * vec4f(p, 1.0);
     let s = q.xyz / q.w;
-    // Beside the map of a spot or a sun there is nothing of the scene.
-    if q.w <= 0.0 || 1.0 < max(abs(s.x), abs(s.y)) || 1.0 < s.z { return 1.0; }
+    // Beside the map of a spot or a sun there is nothing of the scene; behind it its shadow goes on.
+    if lamp.cone.w != 1.0 && (q.w <= 0.0 || 1.0 < max(abs(s.x), abs(s.y))) { return 1.0; }
     let uv = vec2f(0.5, -0.5) * s.xy + 0.5;
-    return textureSampleCompareLevel(shadows, nearer, uv, layer, s.z);
+    return textureSampleCompareLevel(shadows, nearer, uv, layer, clamp(s.z, 0.0, 1.0));
 }
 
 // ---- Media
@@ -156,6 +156,11 @@ struct Here {
     g: f32,
 }
 
+// In units of the falloff, as far as exponentials can be told from 0 and infinity, also times any length.
+fn height(m: Medium, y: f32) -> f32 {
+    return clamp((y - m.height.x) / m.height.y, -60.0, 60.0);
+}
+
 fn density(m: Medium, p: vec3f) -> f32 {
     let bits = u32(m.sigma_a.w);
     var d = 1.0;
@@ -164,7 +169,7 @@ fn density(m: Medium, p: vec3f) -> f32 {
         if any(u < vec3f(0.0)) || any(vec3f(1.0) < u) { return 0.0; }
     }
     if (bits & 2u) != 0u {
-        d *= exp(-(p.y - m.height.x) / m.height.y);
+        d *= exp(-height(m, p.y));
     }
     if (bits & 4u) != 0u {
         let u = through(m.texture, p);
@@ -218,11 +223,12 @@ fn optical_depth(p: vec3f, d: vec3f, length: f32) -> vec3f {
                 mass += density(m, p + d * mix(t0, t1, (f32(k) + 0.5) / 8.0)) * (t1 - t0) / 8.0;
             }
         } else if (bits & 2u) != 0u {
-            // The integral of exp(-(y + t d.y - base) / falloff).
-            let k = d.y / m.height.y;
-            let start = exp(-(p.y + t0 * d.y - m.height.x) / m.height.y);
-            let x = k * (t1 - t0);
-            mass = start * (t1 - t0) * select((1.0 - exp(-x)) / x, 1.0 - 0.5 * x, abs(x) < 1e-3);
+            // The integral of exp(-height) over the way, which is level or goes from one height to another.
+            let h0 = height(m, p.y + t0 * d.y);
+            let h1 = height(m, p.y + t1 * d.y);
+            let climbs = d.y * (t1 - t0) / m.height.y;
+            let level = (t1 - t0) * exp(-0.5 * (h0 + h1));
+            mass = select((exp(-h0) - exp(-h1)) / climbs * (t1 - t0), level, abs(h1 - h0) < 1e-3);
         } else {
             mass = t1 - t0;
         }
@@ -327,7 +333,7 @@ fn added(p: vec3f, n: vec3f) -> vec3f {
         let cosine = -dot(travels, n);
         if cosine <= 0.0 || all(light <= vec3f(0.0)) { continue; }
         light *= lit(lamp, p) * cosine / PI;
-        if on(FOG) { light *= exp(-optical_depth(p, -travels, r)); }
+        light *= exp(-optical_depth(p, -travels, r));
         sum += light;
     }
     return sum;
