@@ -81,7 +81,8 @@ struct Running {
 struct State {
     /// Which bake.
     bake: usize,
-    /// Whether the next one is right of the wiper.
+    /// Which one is right of the wiper, and whether there is a wiper.
+    against: usize,
     wiper: bool,
     wipe: f32,
     look: Look,
@@ -276,7 +277,12 @@ impl Running {
             Action::Expose(stops) => s.look.stops = (s.look.stops + stops).clamp(-12.0, 12.0),
             Action::Bake(1) => s.bake = (s.bake + 1) % n,
             Action::Bake(_) => s.bake = (s.bake + n - 1) % n,
-            Action::Wiper => s.wiper = !s.wiper && 1 < n,
+            Action::Wiper => {
+                s.wiper = !s.wiper && 1 < n;
+                if s.against == s.bake {
+                    s.against = (s.bake + 1) % n;
+                }
+            }
             Action::Wipe(by) => s.wipe = (s.wipe + by).clamp(0.0, 1.0),
             Action::Camera => {
                 s.camera += 1;
@@ -423,10 +429,12 @@ fn picture<'a>(
         radiance: false,
     };
     let of = |i: usize| {
-        let (bake, on_card) = &bakes[i % bakes.len()];
+        let (bake, on_card) = &bakes[i];
         (bake, on_card)
     };
-    let bakes = if s.wiper { vec![of(s.bake), of(s.bake + 1)] } else { vec![of(s.bake)] };
+    // A bake beside itself is one picture.
+    let two = s.wiper && s.against != s.bake;
+    let bakes = if two { vec![of(s.bake), of(s.against)] } else { vec![of(s.bake)] };
     let shown = Shown { bakes, wipe: s.wipe, look: &s.look, balls: &s.balls, seconds: s.seconds };
     Picture { sides: sides(&shown, size[0]), pose: &s.pose, shot, seconds: s.seconds }
 }
@@ -456,6 +464,7 @@ impl State {
         let number = |of: &Bake| bakes.iter().position(|b| std::ptr::eq(b, of)).unwrap_or(0);
         Ok(Self {
             bake: number(first),
+            against: chosen.get(1).map_or((number(first) + 1) % bakes.len(), |b| number(b)),
             wiper: 1 < chosen.len(),
             wipe: args.wipe.clamp(0.0, 1.0),
             look: crate::look(args, first),

@@ -119,14 +119,19 @@ fn contents(context: &egui::Context, s: &mut State, bakes: &[&Bake]) {
         .vscroll(true)
         .show(context, |ui| {
             ui.spacing_mut().slider_width = 150.0;
-            let n = bakes.len();
             for (i, bake) in bakes.iter().enumerate() {
                 ui.radio_value(&mut s.bake, i, &bake.label);
             }
-            if 1 < n {
-                ui.checkbox(&mut s.wiper, format!("wiper to {}", bakes[(s.bake + 1) % n].label));
+            if 1 < bakes.len() {
+                ui.checkbox(&mut s.wiper, "wiper");
                 if s.wiper {
-                    ui.add(egui::Slider::new(&mut s.wipe, 0.0..=1.0).text("wiper"));
+                    let label = &bakes[s.against].label;
+                    egui::ComboBox::from_label("right of it").selected_text(label).show_ui(ui, |ui| {
+                        for (i, bake) in bakes.iter().enumerate() {
+                            ui.selectable_value(&mut s.against, i, &bake.label);
+                        }
+                    });
+                    ui.add(egui::Slider::new(&mut s.wipe, 0.0..=1.0).text("place"));
                 }
             }
             about(ui, bakes[s.bake]);
