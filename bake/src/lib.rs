@@ -4,7 +4,7 @@
 //!
 //! ```text
 //! tables -> error -> sample -> scene -> geom -> media -> light -> plan -> transport -> solve -> output -> files
-//! files -> compare;  cli stands above all
+//! files -> compare, files -> runtime-sample;  cli stands above all
 //! ```
 //!
 //! | stage | takes | gives |

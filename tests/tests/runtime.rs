@@ -455,3 +455,144 @@ fn several_bakes_lie_side_by_side() {
     let done = graphics::show(&["bakes", "--bake", "none", "--screenshot", "a.png"], dir.path()).expect(2);
     assert!(done.stderr.contains("there is no bake `none`") && done.stderr.contains("few, many"), "{done}");
 }
+
+/// A GLB whose document was changed.
+fn changed(glb: &[u8], change: impl Fn(&mut serde_json::Value)) -> Vec<u8> {
+    let file = gltf::Glb::from_slice(glb).unwrap();
+    let mut json: serde_json::Value = serde_json::from_slice(&file.json).unwrap();
+    change(&mut json);
+    let json = serde_json::to_vec(&json).unwrap();
+    gltf::Glb { json: json.into(), ..file }.to_vec().unwrap()
+}
+
+/// Height fog far below, and a sky behind it, stay finite; so does fog of which the eye is deep inside.
+#[test]
+fn fog_by_height_is_finite_far_away() {
+    if !graphics::available("fog_by_height_is_finite_far_away") {
+        return;
+    }
+    for (base, falloff) in [(-300.0, 0.5), (300.0, 0.5), (0.0, 1e-3), (0.0, 1e4)] {
+        let mut glb = Glb::new();
+        let grey = glb.material(&Material::matte("grey", [0.5; 3]));
+        let mut floor = Shape::default();
+        floor.grid(Vec3::new(-2.0, 0.0, 2.0), Vec3::X * 4.0, Vec3::Z * -4.0, 1, 1);
+        let mesh = glb.mesh("floor", &[(&floor, grey)]);
+        glb.node(Node::new("floor").mesh(mesh));
+        glb.scene_extra("sky", json!(1.0));
+        let fog = json!({ "sigma_s": 0.5, "density": { "height": { "base": base, "falloff": falloff } } });
+        glb.scene_extra("media", json!([fog]));
+        let eye = Eye { at: Vec3::new(0.0, 1.0, 3.0), to: Vec3::new(0.0, 0.8, 0.0), yfov: 1.0 };
+        eye.add(&mut glb);
+        let shown = bake(&glb.finish(), &["--samples", "4", "--texels-per-metre", "2"]);
+        let got = shown.picture(&["--no-balls"]);
+        let clear = shown.picture(&["--no-balls", "--no-fog"]);
+        for y in 0..SIZE[1] {
+            for x in 0..SIZE[0] {
+                let (v, bare) = (got.rgb("", x, y), clear.rgb("", x, y));
+                assert!(v.is_finite() && 0.0 <= v.min_element(), "{base}, {falloff}: {v} at {x}, {y}");
+                // Above the horizon by more than a froxel.
+                if base == -300.0 && 0.06 < eye.ray(x, y).y {
+                    assert!(
+                        (v - bare).abs().max_element() < 1e-3,
+                        "{v} is not {bare}: there is no fog up here"
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// What stands in a sun shadows fog farther away than anything else of the scene.
+#[test]
+fn shadows_in_fog_go_on_behind_the_scene() {
+    if !graphics::available("shadows_in_fog_go_on_behind_the_scene") {
+        return;
+    }
+    let mut glb = Glb::new();
+    let black = glb.material(&Material::matte("black", [0.0; 3]));
+    let mut plate = Shape::default();
+    plate.cuboid([-1.0, -0.01, -1.0], [1.0, 0.0, 1.0], ALL);
+    let mesh = glb.mesh("plate", &[(&plate, black)]);
+    glb.node(Node::new("plate").mesh(mesh));
+    let turned = suite::gltf::looking(Vec3::new(0.0, -1.0, 1e-3).normalize());
+    lamp(&mut glb, Kind::Directional, [1.0; 3], 10.0, Node::new("sun").turned(turned));
+    let fog = json!({ "sigma_s": 0.01, "box": { "min": [-10, -10, -10], "max": [10, 10, 10] } });
+    glb.scene_extra("media", json!([fog]));
+    let eye = Eye { at: Vec3::new(0.0, -4.0, 9.0), to: Vec3::new(0.0, -4.0, 0.0), yfov: 0.9 };
+    eye.add(&mut glb);
+    let shown = bake(&glb.finish(), &["--samples", "16", "--texels-per-metre", "4"]);
+    let got = shown.picture(&["--no-balls", "--antialias", "16"]);
+    // Along the middle row: 19 m of fog, 2 m of which are in the shadow.
+    let (middle, side) = (got.rgb("", SIZE[0] / 2, SIZE[1] / 2).y, got.rgb("", SIZE[0] / 8, SIZE[1] / 2).y);
+    for y in [SIZE[1] / 3, SIZE[1] / 2, SIZE[1] * 4 / 5] {
+        let part = got.rgb("", SIZE[0] / 2, y).y / got.rgb("", SIZE[0] / 8, y).y;
+        assert!((part - 17.0 / 19.0).abs() < 0.04, "{part} of {side} in row {y}; in the middle {middle}");
+    }
+}
+
+/// What the baker reads is shown: no scene, no bounds of positions, a picture that is none, a texture of metal, a node that is flat.
+#[test]
+fn what_is_baked_is_shown() {
+    if !graphics::available("what_is_baked_is_shown") {
+        return;
+    }
+    let eye = Eye { at: Vec3::new(0.0, 0.0, 2.0), to: Vec3::ZERO, yfov: 0.9 };
+    let scene = |node: Node, transmission: f32| {
+        let mut glb = Glb::new();
+        let texture = glb.texture(&suite::gltf::png(4, false, |_, _| [255; 4]));
+        let grey = Material { transmission, ..Material::matte("grey", [0.5; 3]).textured(texture) };
+        let grey = glb.material(&grey);
+        let mut wall = Shape::default();
+        wall.grid(Vec3::new(-2.0, -2.0, 0.0), Vec3::X * 4.0, Vec3::Y * 4.0, 2, 2);
+        let mesh = glb.mesh("wall", &[(&wall.planar_uvs(1.0), grey)]);
+        glb.node(node.mesh(mesh));
+        glb.scene_extra("sky", json!(1.0));
+        eye.add(&mut glb);
+        glb.finish()
+    };
+    let plain = scene(Node::new("wall"), 0.0);
+    let middle = |what: &str, glb: &[u8], more: &[&str]| {
+        let dir = tool::folder_with(glb);
+        let args = ["run", "scene.glb", "-o", "out", "--samples", "64", "--texels-per-metre", "4"];
+        let _ = tool::bake(&[&args[..], more].concat(), dir.path()).expect(0);
+        let v = picture(dir.path(), "out", &["--no-balls"]).rgb("", SIZE[0] / 2, SIZE[1] / 2).x;
+        println!("{what}: {v}");
+        v
+    };
+    let want = 0.5;
+    let near = |v: f32, want: f32, what: &str| assert!((v - want).abs() < 0.01, "{what}: {v} is not {want}");
+    near(middle("as it is", &plain, &[]), want, "as it is");
+    let bounds = changed(&plain, |j| {
+        for a in j["accessors"].as_array_mut().unwrap() {
+            a.as_object_mut().unwrap().remove("min");
+            a.as_object_mut().unwrap().remove("max");
+        }
+    });
+    near(middle("without bounds", &bounds, &[]), want, "without bounds");
+    let broken = changed(&plain, |j| {
+        j["images"][0] = json!({ "uri": "data:image/png;base64,AAAA", "mimeType": "image/png" })
+    });
+    near(middle("a picture that is none", &broken, &[]), want, "a picture that is none");
+    let lost = changed(&plain, |j| {
+        let _ = j.as_object_mut().unwrap().remove("scenes");
+        let _ = j.as_object_mut().unwrap().remove("scene");
+    });
+    // The sky was said by the scene: without it a sky of 1 nit is taken.
+    near(middle("without a scene", &lost, &[]), want, "without a scene");
+    let flat = Node::new("wall").scaled([1.0, 1.0, 0.0]);
+    near(middle("a flat node", &scene(flat, 0.0), &[]), want, "a flat node");
+    let metal = changed(&plain, |j| {
+        let pbr = &mut j["materials"][0]["pbrMetallicRoughness"];
+        pbr["metallicFactor"] = json!(0.5);
+        pbr["metallicRoughnessTexture"] = json!({ "index": 0 });
+    });
+    near(middle("metal", &metal, &[]), want, "metal is lit by its base colour");
+    let dir = tempfile::tempdir().unwrap();
+    let config = dir.path().join("black.toml");
+    std::fs::write(&config, "metals_black = true\n").unwrap();
+    let black = ["--config", config.to_str().unwrap()];
+    near(middle("half metal, black", &metal, &black), 0.5 * want, "half of it is metal");
+    let glass = scene(Node::new("wall"), 0.5);
+    // Half of the sky behind it, half tinted: 0.5 of its own light and 0.5 of the sky's, both times 0.5.
+    near(middle("glass", &glass, &[]), 0.5 * want + 0.5 * want, "glass");
+}
