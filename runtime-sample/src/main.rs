@@ -31,14 +31,33 @@ fn main() -> ExitCode {
         Err(e) => {
             #[expect(clippy::print_stderr, reason = "this is the command line")]
             {
-                eprintln!("error: {e:#}");
+                eprintln!("error: {}", told(&e));
             }
             ExitCode::from(2)
         }
     }
 }
 
+/// An error and its causes in one line. Some causes repeat what was said of them, or have lines of their own.
+fn told(error: &anyhow::Error) -> String {
+    let mut all = String::new();
+    for cause in error.chain() {
+        let words = cause.to_string();
+        let words = words.split_whitespace().collect::<Vec<_>>().join(" ");
+        if !all.contains(&words) {
+            all += if all.is_empty() { "" } else { ": " };
+            all += &words;
+        }
+    }
+    all
+}
+
 fn run(args: &Args) -> Result<()> {
+    // Before what takes long.
+    let radiance = match &args.screenshot {
+        Some(path) => picture::kind(path)? == Kind::Exr,
+        None => false,
+    };
     let folders = bake::folders(&args.dir)?;
     if args.screenshot.is_none() && args.turntable.is_none() && args.timings.is_none() {
         return window::run(args, &folders);
@@ -46,10 +65,6 @@ fn run(args: &Args) -> Result<()> {
     let (gpu, _) = Gpu::open(&device::instance(None), None, args.software)?;
     let bakes = opened(args, &wanted(args, &folders), &gpu)?;
     bakes.iter().for_each(report);
-    let radiance = match &args.screenshot {
-        Some(path) => picture::kind(path)? == Kind::Exr,
-        None => false,
-    };
     let mut studio = Studio::new(gpu, args.size, args.antialias, radiance)?;
     let chosen = chosen(args, &bakes)?;
     let on_card = chosen.iter().map(|b| studio.renderer().upload(b)).collect::<Result<Vec<_>>>()?;
@@ -114,7 +129,11 @@ fn chosen<'a>(args: &Args, bakes: &'a [Bake]) -> Result<Vec<&'a Bake>> {
         let found = bakes.iter().find(|b| b.label == label);
         let labels: Vec<_> = bakes.iter().map(|b| b.label.as_str()).collect();
         found.with_context(|| {
-            format!("there is no bake `{label}` in {}, only {}", args.dir.display(), labels.join(", "))
+            let dir = args.dir.display();
+            format!(
+                "there is no bake `{label}` in {dir}, only {}; several are folders side by side",
+                labels.join(", ")
+            )
         })
     };
     let first = match &args.bake {

@@ -218,7 +218,7 @@ impl Floats {
     ///
     /// If the file cannot be written.
     pub(crate) fn save(&self, path: &Path) -> Result<()> {
-        let failed = || format!("{}: cannot write", path.display());
+        let failed = || format!("{}: cannot write this file; is its folder there?", path.display());
         let at = |x: usize, y: usize| self.pixels[y * self.size[0] as usize + x];
         match kind(path)? {
             Kind::Exr => {

@@ -109,7 +109,9 @@ pub(crate) fn folders(dir: &Path) -> Result<Vec<PathBuf>> {
     if is_bake(dir) {
         return Ok(vec![dir.to_owned()]);
     }
-    let entries = fs::read_dir(dir).with_context(|| format!("{}: cannot read this folder", dir.display()))?;
+    let entries = fs::read_dir(dir).with_context(|| {
+        format!("{}: cannot read this folder; name one that `bake run` wrote", dir.display())
+    })?;
     let mut found: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(|p| is_bake(p)).collect();
     found.sort();
     ensure!(
@@ -201,9 +203,10 @@ impl Bake {
             return Ok(c.clone());
         }
         let names: Vec<&str> = self.scene.cameras.iter().map(|c| c.name.as_str()).collect();
+        let only =
+            if names.is_empty() { "none at all".to_owned() } else { format!("only {}", names.join(", ")) };
         let index = name.parse::<usize>().ok();
-        let index =
-            index.with_context(|| format!("there is no camera `{name}`, only {}", names.join(", ")))?;
+        let index = index.with_context(|| format!("there is no camera `{name}`, {only}"))?;
         self.scene.camera(index).cloned()
     }
 

@@ -74,7 +74,9 @@ impl Page {
         );
         let find = |wanted: &str| {
             let found = channels.iter().find(|c| c.name.eq(wanted))?;
-            Some(found.sample_data.values_as_f32().collect::<Vec<f32>>())
+            let values: Vec<f32> = found.sample_data.values_as_f32().collect();
+            // A channel may have fewer samples than the page has texels.
+            Some(values).filter(|v| v.len() == size.area())
         };
         let channel = |wanted: &str| {
             find(wanted).with_context(|| format!("{name}: there is no channel {wanted}; bake again"))

@@ -201,7 +201,9 @@ impl Scene {
     /// If there are fewer.
     pub(crate) fn camera(&self, index: usize) -> Result<&Camera> {
         let n = self.cameras.len();
-        self.cameras.get(index).with_context(|| format!("camera {index} of {n} does not exist"))
+        self.cameras
+            .get(index)
+            .with_context(|| format!("camera {index} of {n} does not exist; the first one is 0"))
     }
 
     /// Distance along a ray, in units of `direction`, to the first triangle it meets from either side; `direction` is finite and not 0.
@@ -436,6 +438,18 @@ mod tests {
         assert!(
             triangles(Mode::TriangleFan, &[]).is_empty() && triangles(Mode::Lines, &[0, 1, 2]).is_empty()
         );
+    }
+
+    #[test]
+    fn nodes_in_a_circle_are_refused() {
+        let json = br#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"children":[1]},{"children":[0]}]}"#;
+        let mut json = json.to_vec();
+        json.resize(json.len().next_multiple_of(4), b' ');
+        let length = |n: usize| u32::try_from(n).unwrap_or(0).to_le_bytes();
+        let glb =
+            [&b"glTF"[..], &length(2), &length(20 + json.len()), &length(json.len()), &b"JSON"[..], &json];
+        let refused = Scene::parse(&glb.concat(), 0).expect_err("a circle");
+        assert!(refused.to_string().contains("is there twice"), "{refused}");
     }
 
     #[test]
