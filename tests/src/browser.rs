@@ -35,8 +35,8 @@ const SWITCHES: &[&str] = &[
     "--disable-dev-shm-usage",
 ];
 
-/// A program on the path.
-fn program(names: &[&str]) -> Option<PathBuf> {
+/// A program on the path, by the first of its names that is there.
+pub(crate) fn program(names: &[&str]) -> Option<PathBuf> {
     let path = env::var_os("PATH")?;
     let folders: Vec<PathBuf> = env::split_paths(&path).collect();
     names.iter().flat_map(|n| folders.iter().map(move |f| f.join(n))).find(|p| p.is_file())

@@ -7,6 +7,7 @@ pub mod browser;
 pub mod divided;
 pub mod gltf;
 pub mod graphics;
+pub mod pictures;
 pub mod reference;
 pub mod rooms;
 pub mod scenes;

@@ -36,6 +36,31 @@ pub fn two_sided_z(p: f64) -> f64 {
     0.5 * (lo + hi)
 }
 
+/// The t that a number with Student's distribution of `freedom` degrees exceeds in absolute value with probability `p`.
+#[must_use]
+pub fn two_sided_t(p: f64, freedom: u32) -> f64 {
+    // t = sqrt(freedom) tan(a) makes the density cos(a)^(freedom - 1), which ends at a quarter turn: Simpson's rule.
+    let quarter = std::f64::consts::FRAC_PI_2;
+    let beyond = |a: f64| {
+        let n = 400;
+        let h = (quarter - a) / f64::from(n);
+        let sum: f64 = (0..=n)
+            .map(|i| {
+                let weight = if i == 0 || i == n { 1.0 } else { f64::from(2 + 2 * (i % 2)) };
+                weight * (a + h * f64::from(i)).cos().max(0.0).powf(f64::from(freedom.max(1) - 1))
+            })
+            .sum();
+        sum * h / 3.0
+    };
+    let all = beyond(0.0);
+    let (mut lo, mut hi) = (0.0, quarter);
+    for _ in 0..60 {
+        let mid = 0.5 * (lo + hi);
+        if p * all < beyond(mid) { lo = mid } else { hi = mid }
+    }
+    f64::from(freedom).sqrt() * (0.5 * (lo + hi)).tan()
+}
+
 /// One comparison.
 #[derive(Clone, Debug)]
 pub struct Case {
@@ -112,6 +137,9 @@ mod tests {
     fn known_quantiles() {
         assert!((2.0 * upper_tail(1.959_964) - 0.05).abs() < 1e-7);
         assert!((two_sided_z(0.0027) - 3.0).abs() < 1e-3);
+        for (p, freedom, t) in [(0.05, 1, 12.706_205), (0.001, 7, 5.407_883), (0.01, 30, 2.749_996)] {
+            assert!((two_sided_t(p, freedom) / t - 1.0).abs() < 1e-5, "{p} {freedom}");
+        }
         assert!((sidak(0.05, 1) - 0.05).abs() < 1e-15);
         assert!((sidak(1e-3, 1_000_000) / 1.0005e-9 - 1.0).abs() < 1e-4);
     }

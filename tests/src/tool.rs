@@ -120,10 +120,17 @@ fn drain(pipe: Option<impl Read + Send + 'static>) -> thread::JoinHandle<String>
 /// Starts `program` in `dir`.
 #[must_use]
 pub fn start(program: &Path, args: &[&str], dir: &Path) -> Running {
+    start_with(program, args, dir, &[])
+}
+
+/// [`start`] with environment variables, names and values, beside those of this process.
+#[must_use]
+pub fn start_with(program: &Path, args: &[&str], dir: &Path, variables: &[(&str, &str)]) -> Running {
     let name = program.file_stem().map(OsStr::to_string_lossy).unwrap_or_default().into_owned();
     let mut child = Command::new(program)
         .args(args)
         .current_dir(dir)
+        .envs(variables.iter().copied())
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
