@@ -11,7 +11,7 @@ use crate::{
     files::bake::Bake,
     gpu::{
         device::{Gpu, Shape},
-        renderer::{self, Picture, Renderer, ShotOf as Shot, Side, Stage},
+        renderer::{self, Picture, Renderer, Shot, Side, Stage},
         uploaded::{Uploaded, coded},
     },
     view::{balls::Ball, camera::Pose, look::Look},

@@ -176,7 +176,8 @@ fn a_white_sphere_disappears_in_a_furnace() {
     for (what, fog) in fogs {
         let shown =
             bake(&furnace(fog), &["--samples", "256", "--texels-per-metre", "16", "--media", "bounded"]);
-        let got = shown.picture(&["--ball", "-0.05,0,-0.1,0.15"]);
+        // Two places on its way.
+        let got = shown.picture(&["--ball", "-0.05,0,-0.1,0.15", "--ball", "0.22,-0.2,-0.3,0.1"]);
         let bare = shown.picture(&["--no-balls"]);
         let covered = |x: usize, y: usize| got.rgb("", x, y) != bare.rgb("", x, y);
         let mut sums = [(DVec3::ZERO, 0u32); 2];

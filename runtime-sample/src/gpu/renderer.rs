@@ -10,7 +10,7 @@ use wgpu::{BindingResource, BufferUsages, TextureFormat, TextureUsages};
 use super::{
     device::{Gpu, Shape},
     pipelines::{DEPTH, Fixed, HALF, Layouts, Pass, Pipelines, Surface},
-    uniforms::{Shot, ViewUniform},
+    uniforms::ViewUniform,
     uploaded::{Sphere, SphereMesh, Uploaded, at, whole},
 };
 use crate::{
@@ -22,7 +22,7 @@ use crate::{
     },
 };
 
-pub(crate) use super::uniforms::Shot as ShotOf;
+pub(crate) use super::uniforms::Shot;
 
 /// What draws.
 #[derive(Debug)]

@@ -20,8 +20,10 @@ pub(crate) enum Action {
     Probes,
     /// Changes the exposure by stops.
     Expose(f32),
-    /// Goes to another bake: the one behind, or before it.
-    Bake(i32),
+    /// Goes to the next bake of the folder.
+    NextBake,
+    /// Goes to the one before.
+    PreviousBake,
     /// Turns the wiper between a bake and the next on or off.
     Wiper,
     /// Moves the wiper by a part of the picture.
@@ -62,8 +64,8 @@ pub(crate) fn action(key: KeyCode) -> Option<Action> {
         KeyCode::KeyP => Action::Probes,
         KeyCode::Equal | KeyCode::NumpadAdd => Action::Expose(0.5),
         KeyCode::Minus | KeyCode::NumpadSubtract => Action::Expose(-0.5),
-        KeyCode::PageDown => Action::Bake(1),
-        KeyCode::PageUp => Action::Bake(-1),
+        KeyCode::PageDown => Action::NextBake,
+        KeyCode::PageUp => Action::PreviousBake,
         KeyCode::KeyX => Action::Wiper,
         KeyCode::Comma => Action::Wipe(-0.02),
         KeyCode::Period => Action::Wipe(0.02),

@@ -24,7 +24,7 @@ use crate::{
     files::{bake::Bake, scene::Camera},
     gpu::{
         device::{self, Gpu, Shape},
-        renderer::{self, Picture, Renderer, ShotOf as Shot},
+        renderer::{self, Picture, Renderer, Shot},
         uploaded::Uploaded,
     },
     picture::{Shown, sides},
@@ -239,7 +239,7 @@ impl Running {
             }
             WindowEvent::CursorMoved { position, .. } => {
                 self.cursor = position;
-                if let Some(from) = self.drag.replace_if_some(position) {
+                if let Some(from) = self.drag.as_mut().map(|d| std::mem::replace(d, position)) {
                     let by = |a: f64, b: f64| {
                         #[expect(clippy::cast_possible_truncation, reason = "pixels")]
                         let pixels = (b - a) as f32;
@@ -275,8 +275,8 @@ impl Running {
             Action::Balls => s.look.balls ^= true,
             Action::Probes => s.look.probes ^= true,
             Action::Expose(stops) => s.look.stops = (s.look.stops + stops).clamp(-12.0, 12.0),
-            Action::Bake(1) => s.bake = (s.bake + 1) % n,
-            Action::Bake(_) => s.bake = (s.bake + n - 1) % n,
+            Action::NextBake => s.bake = (s.bake + 1) % n,
+            Action::PreviousBake => s.bake = (s.bake + n - 1) % n,
             Action::Wiper => {
                 s.wiper = !s.wiper && 1 < n;
                 if s.against == s.bake {
@@ -445,15 +445,18 @@ fn free_name(label: &str) -> Result<PathBuf> {
     (0..1000).map(name).find(|p| !Path::exists(p)).context("there are a thousand pictures already")
 }
 
-/// A camera of the scene, the one of the preview before all others.
-fn pose_of(bake: &Bake, number: usize) -> Pose {
+/// The camera of the preview, and the others of the scene.
+fn cameras(bake: &Bake) -> Vec<Camera> {
     let preview = bake.camera();
     let other = |c: &&Camera| !c.world_from_camera.abs_diff_eq(preview.world_from_camera, 1e-5);
-    let others: Vec<_> = bake.scene.cameras.iter().filter(other).collect();
-    match number % (others.len() + 1) {
-        0 => Pose::new(&preview, bake),
-        n => Pose::new(others[n - 1], bake),
-    }
+    let others: Vec<_> = bake.scene.cameras.iter().filter(other).cloned().collect();
+    [vec![preview], others].concat()
+}
+
+/// That of one of them; after the last the first comes again.
+fn pose_of(bake: &Bake, number: usize) -> Pose {
+    let all = cameras(bake);
+    Pose::new(&all[number % all.len()], bake)
 }
 
 impl State {
@@ -478,20 +481,5 @@ impl State {
             frame: 0.0,
             stages: None,
         })
-    }
-}
-
-/// Keeps the last place while something is dragged.
-trait Drag {
-    fn replace_if_some(&mut self, to: PhysicalPosition<f64>) -> Option<PhysicalPosition<f64>>;
-}
-
-impl Drag for Option<PhysicalPosition<f64>> {
-    fn replace_if_some(&mut self, to: PhysicalPosition<f64>) -> Option<PhysicalPosition<f64>> {
-        let from = *self;
-        if from.is_some() {
-            *self = Some(to);
-        }
-        from
     }
 }

@@ -6,7 +6,7 @@ use super::State;
 use crate::{
     files::bake::Bake,
     gpu::{device::Gpu, renderer::Stage},
-    view::{controls::HELP, look::Mode},
+    view::{camera::Pose, controls::HELP, look::Mode},
 };
 
 /// What draws the panel.
@@ -136,6 +136,16 @@ fn contents(context: &egui::Context, s: &mut State, bakes: &[&Bake]) {
             }
             about(ui, bakes[s.bake]);
             ui.separator();
+            let cameras = super::cameras(bakes[s.bake]);
+            let current = &cameras[s.camera % cameras.len()].name;
+            egui::ComboBox::from_label("camera").selected_text(current).show_ui(ui, |ui| {
+                for (i, camera) in cameras.iter().enumerate() {
+                    if ui.selectable_label(s.camera % cameras.len() == i, &camera.name).clicked() {
+                        s.camera = i;
+                        s.pose = Pose::new(camera, bakes[s.bake]);
+                    }
+                }
+            });
             egui::ComboBox::from_label("show").selected_text(s.look.mode.name()).show_ui(ui, |ui| {
                 for mode in Mode::ALL {
                     ui.selectable_value(&mut s.look.mode, mode, mode.name());

@@ -11,7 +11,6 @@ struct View {
     forward: vec4f,
     // w: 0 a gradient, 1 an image.
     zenith: vec4f,
-    // w: vertical turn of the image is in `sky_turn`.
     horizon: vec4f,
     ground: vec4f,
     // Quaternion from the world to the space of the image.
