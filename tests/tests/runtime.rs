@@ -214,7 +214,7 @@ fn fog_is_lit_by_lamps_as_integrals_say() {
     let eye = Eye { at: Vec3::new(-1.6, 1.1, 1.7), to: Vec3::new(0.6, 0.9, -1.2), yfov: 1.0 };
     let at = Vec3::new(0.4, 1.3, -0.3);
     let down = Vec3::new(0.3, -1.0, -0.2).normalize();
-    for kind in ["sun", "point", "spot"] {
+    for kind in ["sun", "overlapping", "point", "spot"] {
         let mut glb = Glb::new();
         let black = glb.material(&Material::matte("black", [0.0; 3]));
         let mut room = Shape::default();
@@ -223,7 +223,8 @@ fn fog_is_lit_by_lamps_as_integrals_say() {
         let open = Shape::default();
         let mut floor = open.clone();
         floor.grid(Vec3::new(-2.0, 0.0, 2.0), Vec3::X * 4.0, Vec3::Z * -4.0, 1, 1);
-        let walls = if kind == "sun" { floor } else { room.inside_out() };
+        let sun = kind == "sun" || kind == "overlapping";
+        let walls = if sun { floor } else { room.inside_out() };
         let mesh = glb.mesh("room", &[(&walls, black)]);
         glb.node(Node::new("room").mesh(mesh));
         let turned = suite::gltf::looking(down);
@@ -235,8 +236,14 @@ fn fog_is_lit_by_lamps_as_integrals_say() {
             }
             _ => lamp(&mut glb, Kind::Directional, [1.0; 3], 100.0, Node::new("sun").turned(turned)),
         };
-        let fog = json!({ "sigma_s": sigma_s, "sigma_a": sigma_a, "g": g, "box": { "min": [-2, 0, -2], "max": [2, 2.5, 2] } });
-        glb.scene_extra("media", json!([fog]));
+        let fog = |sigma_s: [f64; 3], sigma_a: f64, g: f64| json!({ "sigma_s": sigma_s, "sigma_a": sigma_a, "g": g, "box": { "min": [-2, 0, -2], "max": [2, 2.5, 2] } });
+        // Media of two colours that scatter against each other scatter evenly together.
+        let (media, g) = if kind == "overlapping" {
+            (vec![fog([sigma_s, 0.0, 0.0], sigma_a, 0.8), fog([0.0, sigma_s, 0.0], 0.0, -0.8)], 0.0)
+        } else {
+            (vec![fog([sigma_s; 3], sigma_a, g)], g)
+        };
+        glb.scene_extra("media", json!(media));
         eye.add(&mut glb);
         let shown =
             bake(&glb.finish(), &["--samples", "16", "--texels-per-metre", "4", "--media", "bounded"]);
@@ -258,7 +265,7 @@ fn fog_is_lit_by_lamps_as_integrals_say() {
             let scattered = |i: i32| {
                 let t = (f64::from(i) + 0.5) * step;
                 let p = from + d * t;
-                let (light, travels, way) = if kind == "sun" {
+                let (light, travels, way) = if sun {
                     let travels = down.as_dvec3();
                     (100.0, travels, leaves(p, -travels))
                 } else {
@@ -279,13 +286,13 @@ fn fog_is_lit_by_lamps_as_integrals_say() {
         let mut pairs = Vec::new();
         for y in (4..SIZE[1]).step_by(8) {
             for x in (4..SIZE[0]).step_by(8) {
-                pairs.push((f64::from(got.rgb("", x, y).y), want(x, y), x, y));
+                pairs.push((f64::from(got.rgb("", x, y).y), want(x, y)));
             }
         }
         let [sum, all] = [0, 1].map(|i| pairs.iter().map(|p| [p.0, p.1][i]).sum::<f64>());
         // As a part of the mean where hardly anything is lit: there froxels of some pixels mix.
         let mean = all / pairs.len() as f64;
-        let off = |p: &(f64, f64, usize, usize)| (p.0 - p.1).abs() / p.1.max(mean);
+        let off = |p: &(f64, f64)| (p.0 - p.1).abs() / p.1.max(mean);
         let mut sorted: Vec<f64> = pairs.iter().map(off).collect();
         sorted.sort_by(f64::total_cmp);
         let worst = sorted[sorted.len() - 1];
@@ -297,20 +304,21 @@ fn fog_is_lit_by_lamps_as_integrals_say() {
             100.0 * worst
         );
         // The tip of a cone and where it meets the floor are narrower than froxels.
-        let [sums, most] = if kind == "spot" { [0.06, 0.15] } else { [0.01, 0.02] };
+        let [sums, most] = if kind == "spot" { [0.06, 0.15] } else { [0.01, 0.03] };
         assert!((sum / all - 1.0).abs() < sums, "{kind}: {sum} of {all}");
         assert!(sorted[sorted.len() / 2] < 0.012 && sorted[sorted.len() * 19 / 20] < most, "{kind}");
     }
 }
 
-/// A room with a table and all kinds of lamps, whose direct light is baked, or left to the game.
-fn room(mode: &str) -> (Vec<u8>, Eye) {
-    let eye = Eye { at: Vec3::new(-1.7, 1.9, 1.6), to: Vec3::new(0.3, 0.4, -0.4), yfov: 1.1 };
+/// A room with a table and all kinds of lamps, whose direct light is baked, or left to the game; lengths times `size`.
+fn room(mode: &str, size: f32, offset: Vec3) -> Vec<u8> {
+    let at = |x: f32, y: f32, z: f32| offset + size * Vec3::new(x, y, z);
+    let eye = Eye { at: at(-1.7, 1.9, 1.6), to: at(0.3, 0.4, -0.4), yfov: 1.1 };
     let mut glb = Glb::new();
     let grey = glb.material(&Material::matte("grey", [0.6, 0.5, 0.4]));
     let mut add = |name: &str, shape: &Shape| {
         let mesh = glb.mesh(name, &[(shape, grey)]);
-        glb.node(Node::new(name).mesh(mesh));
+        glb.node(Node::new(name).mesh(mesh).at(offset).scaled([size; 3]));
     };
     let mut walls = Shape::default();
     walls.grid(Vec3::new(-2.0, 0.0, 2.0), Vec3::X * 4.0, Vec3::Z * -4.0, 1, 1);
@@ -321,16 +329,16 @@ fn room(mode: &str) -> (Vec<u8>, Eye) {
     table.cuboid([-0.5, 0.0, -0.9], [0.7, 0.8, 0.1], ALL);
     add("table", &table);
     let node = |name: &str| Node::new(name).extras(json!({ "mode": mode }));
-    lamp(&mut glb, Kind::Point, [1.0, 0.8, 0.6], 40.0, node("bulb").at([-0.9, 1.6, -0.8]));
+    lamp(&mut glb, Kind::Point, [1.0, 0.8, 0.6], 40.0 * size * size, node("bulb").at(at(-0.9, 1.6, -0.8)));
     let turned = |d: Vec3| suite::gltf::looking(d.normalize());
     let cone = Kind::Spot { inner: 0.2, outer: 0.6 };
-    let spot = node("spot").at([1.2, 2.3, 0.8]).turned(turned(Vec3::new(-0.4, -1.0, -0.5)));
-    lamp(&mut glb, cone, [0.5, 0.8, 1.0], 90.0, spot);
+    let spot = node("spot").at(at(1.2, 2.3, 0.8)).turned(turned(Vec3::new(-0.4, -1.0, -0.5)));
+    lamp(&mut glb, cone, [0.5, 0.8, 1.0], 90.0 * size * size, spot);
     let sun = node("sun").turned(turned(Vec3::new(0.6, -1.0, -0.35)));
     lamp(&mut glb, Kind::Directional, [1.0; 3], 6.0, sun);
     glb.scene_extra("sky", json!(0.3));
     eye.add(&mut glb);
-    (glb.finish(), eye)
+    glb.finish()
 }
 
 /// What the game adds of lamps that are not baked is what was baked of them, shadows included.
@@ -339,29 +347,70 @@ fn lamps_of_the_game_light_as_baked_ones() {
     if !graphics::available("lamps_of_the_game_light_as_baked_ones") {
         return;
     }
-    let pictures = ["baked", "mixed"].map(|mode| {
-        let (scene, _) = room(mode);
-        let shown = bake(&scene, &["--samples", "256", "--texels-per-metre", "24"]);
-        assert!(
-            shown.baked.manifest.lights.iter().all(|l| (l.mode == LightMode::Mixed) == (mode == "mixed"))
-        );
-        shown.picture(&["--no-balls", "--antialias", "4"])
-    });
-    let mut off: Vec<f32> = Vec::new();
-    for y in 0..SIZE[1] {
-        for x in 0..SIZE[0] {
-            let [a, b] = [0, 1].map(|i| pictures[i].rgb("", x, y).y);
-            off.push((b / a - 1.0).abs());
+    // Walls that lie along the axes and at round numbers are easy for shadow maps, others are not.
+    for (size, offset) in
+        [(1.0, Vec3::ZERO), (0.873, Vec3::new(0.123, 4.57, -9.1)), (13.1, Vec3::new(-3.3, 0.7, 0.1))]
+    {
+        let pictures = ["baked", "mixed"].map(|mode| {
+            let density = (24.0 / size).to_string();
+            let shown =
+                bake(&room(mode, size, offset), &["--samples", "128", "--texels-per-metre", &density]);
+            let lights = &shown.baked.manifest.lights;
+            assert!(lights.iter().all(|l| (l.mode == LightMode::Mixed) == (mode == "mixed")));
+            shown.picture(&["--no-balls", "--antialias", "4"])
+        });
+        let mut off: Vec<f32> = Vec::new();
+        for y in 0..SIZE[1] {
+            for x in 0..SIZE[0] {
+                let [a, b] = [0, 1].map(|i| pictures[i].rgb("", x, y).y);
+                off.push((b / a - 1.0).abs());
+            }
         }
+        off.sort_by(f32::total_cmp);
+        let (median, most) = (off[off.len() / 2], off[off.len() * 19 / 20]);
+        println!(
+            "size {size}: half of all pixels differ by at most {:.2} %, 95 % by at most {:.1} %",
+            100.0 * median,
+            100.0 * most
+        );
+        assert!(median < 0.01 && most < 0.1, "{size}: {median} and {most}");
     }
-    off.sort_by(f32::total_cmp);
-    let (median, most) = (off[off.len() / 2], off[off.len() * 19 / 20]);
-    println!(
-        "half of all pixels differ by at most {:.2} %, 95 % by at most {:.1} %",
-        100.0 * median,
-        100.0 * most
-    );
-    assert!(median < 0.015 && most < 0.15, "{median} and {most}");
+}
+
+/// Walls along the axes shadow nothing by themselves, wherever and however large the room is: depths of shadow maps and of what is asked for are
+/// rounded differently everywhere.
+#[test]
+fn walls_do_not_shadow_themselves() {
+    if !graphics::available("walls_do_not_shadow_themselves") {
+        return;
+    }
+    let mut first = None;
+    for (size, place) in
+        [(1.0, [0.0; 3]), (3.608, [1.3, -2.1, 4.4]), (0.108, [-4.1, 0.3, 2.7]), (22.82, [3.9, -4.6, -0.2])]
+    {
+        let at = |x: f32, y: f32, z: f32| size * (Vec3::from(place) + Vec3::new(x, y, z));
+        let mut glb = Glb::new();
+        let grey = glb.material(&Material::matte("grey", [0.5; 3]));
+        let mut walls = Shape::default();
+        walls.grid(at(-2.0, 0.0, 2.0), Vec3::X * (4.0 * size), Vec3::Z * (-4.0 * size), 1, 1);
+        walls.grid(at(-2.0, 0.0, -2.0), Vec3::X * (4.0 * size), Vec3::Y * (2.5 * size), 1, 1);
+        let mesh = glb.mesh("walls", &[(&walls, grey)]);
+        glb.node(Node::new("walls").mesh(mesh));
+        let lit = Node::new("lamp").at(at(0.3, 1.4, -0.4)).extras(json!({ "mode": "dynamic" }));
+        lamp(&mut glb, Kind::Point, [1.0; 3], 40.0 * size * size, lit);
+        glb.scene_extra("sky", json!(0.001));
+        Eye { at: at(-0.3, 1.9, 2.6), to: at(0.1, 0.7, -0.8), yfov: 1.2 }.add(&mut glb);
+        let scene = changed(&glb.finish(), |j| {
+            j["extensions"]["KHR_lights_punctual"]["lights"][0]["range"] = json!(3.5 * size);
+        });
+        let shown = bake(&scene, &["--samples", "4", "--max-size", "64", "--probes", "off"]);
+        let got = shown.picture(&["--no-balls"]);
+        let sum: f64 =
+            (0..SIZE[0] * SIZE[1]).map(|i| f64::from(got.rgb("", i % SIZE[0], i / SIZE[0]).y)).sum();
+        let first = *first.get_or_insert(sum);
+        println!("size {size}: {sum:.2}");
+        assert!((sum / first - 1.0).abs() < 1e-3, "size {size}: {sum} of {first}");
+    }
 }
 
 /// A floor with a tilted normal map under a low sun: light turns as the directional lightmap says.
@@ -424,7 +473,7 @@ fn several_bakes_lie_side_by_side() {
     if !graphics::available("several_bakes_lie_side_by_side") {
         return;
     }
-    let dir = tool::folder_with(&room("baked").0);
+    let dir = tool::folder_with(&room("baked", 1.0, Vec3::ZERO));
     for (label, samples) in [("few", "8"), ("many", "64")] {
         let out = format!("bakes/{label}");
         let args = [

@@ -205,6 +205,7 @@ impl Job<'_> {
             say_clamped(&texture.file, texture.clamped, "densities", "lower the density and raise sigma");
         }
         baked.sky_clamped = output::sky::write(self.staging, &self.plan.scene().sky)?;
+        say_clamped(output::sky::FILE, baked.sky_clamped, "values", "lower the scale of the sky");
         self.watch.lap("media and sky");
         let cache = self.cache(&kernel, &baked.monitor)?;
         // Whether no light at all reaches a side is a question to paths alone.

@@ -3,7 +3,8 @@
 //! Those of voxels, and which part of a place lies in a closed mesh, are in `medium-N.ktx2`: a three-dimensional texture of one channel of half floats,
 //! x fastest, in the axes of the voxels, or in the scene's where there are none. A texel is the mean of the density over its box, so that the mass of a medium is kept where
 //! the texture is coarser than its source. Means over voxels are exact. Of what is in a mesh, lines through a texel along its third axis are exact; a texel has about as many of
-//! them as it covers voxels, 4 x 4 to 8 x 8. See [`manifest::DensityTexture`].
+//! them as it covers voxels, 4 x 4 to 8 x 8. Where densities are very large or very small numbers they are told in a unit of their own, by which sigma in the manifest
+//! is multiplied. See [`manifest::DensityTexture`].
 
 use crate::error::{Error, Result};
 use crate::media::boundary::Boundary;
@@ -66,10 +67,13 @@ fn describe(medium: &Medium, number: usize, staging: &Staging) -> Result<Option<
     if unit_from_world.is_some_and(|m| !m.as_flattened().iter().all(|v| v.is_finite())) {
         return Ok(None);
     }
+    let mut unit = 1.0;
     let texture = match Densities::of(medium, body) {
         Some(densities) => {
             let mut half = Half::default();
-            let texels: Vec<f16> = densities.texels().into_iter().map(|v| half.of(v)).collect();
+            let texels = densities.texels();
+            unit = unit_of(&texels, medium);
+            let texels: Vec<f16> = texels.into_iter().map(|v| half.of(v / unit)).collect();
             let (name, size) = (file(number), densities.size.to_array());
             let bytes = ktx::volume(size, Texels::R16f(&texels), Packing::Stored, ktx::VOLUME_TEXTS)
                 .map_err(Error::io(staging.path(&name), "cannot write"))?;
@@ -81,8 +85,8 @@ fn describe(medium: &Medium, number: usize, staging: &Staging) -> Result<Option<
     };
     Ok(Some(manifest::Medium {
         path: medium.path.clone(),
-        sigma_s: medium.sigma_s.to_array(),
-        sigma_a: medium.sigma_a.to_array(),
+        sigma_s: (medium.sigma_s * unit).to_array(),
+        sigma_a: (medium.sigma_a * unit).to_array(),
         g: medium.g,
         unit_from_world,
         height: match medium.density {
@@ -92,6 +96,22 @@ fn describe(medium: &Medium, number: usize, staging: &Staging) -> Result<Option<
         texture,
     }))
 }
+
+/// In what densities are told: a power of two near the greatest where half floats would be too coarse or too small for them, as far as sigma
+/// stays finite; 1 for most.
+fn unit_of(texels: &[f32], medium: &Medium) -> f32 {
+    let most = texels.iter().fold(0.0f32, |m, v| m.max(*v));
+    if most == 0.0 || (LEAST_PLAIN..MOST_PLAIN).contains(&most) {
+        return 1.0;
+    }
+    let sigma = medium.sigma_s.max(medium.sigma_a).max_element();
+    let room = (0.5 * f32::MAX / sigma).log2().floor();
+    most.log2().floor().min(room).exp2()
+}
+
+/// Densities whose greatest is between these are told as they are, with at least four digits down to a thousandth of it.
+const LEAST_PLAIN: f32 = 1.0 / 16.0;
+const MOST_PLAIN: f32 = 1024.0;
 
 /// The map from the world into the unit cube of a box; not finite if that has no volume.
 fn unit_from_box(min: DVec3, max: DVec3) -> DAffine3 {
@@ -321,6 +341,26 @@ impl Column {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn densities_have_a_unit_that_half_floats_hold() {
+        let medium = Medium {
+            path: String::new(),
+            sigma_s: Vec3::splat(1e7),
+            sigma_a: Vec3::ZERO,
+            density: Density::Constant,
+            g: 0.0,
+            region: Region::Everywhere,
+        };
+        assert_eq!(unit_of(&[0.0, 0.3, 1.0], &medium), 1.0);
+        assert_eq!(unit_of(&[0.0], &medium), 1.0);
+        for most in [2e-8, 1e-3, 5e4, 1e20] {
+            let unit = unit_of(&[0.0, most, 0.5 * most], &medium);
+            assert!((1.0..2.0).contains(&(most / unit)) && (unit * 1e7).is_finite(), "{most}: {unit}");
+        }
+        let bright = Medium { sigma_s: Vec3::splat(1e30), ..medium };
+        assert!((unit_of(&[1e20], &bright) * bright.sigma_s).is_finite());
+    }
     use glam::{Affine3A, Quat, uvec3};
     use std::sync::Arc;
 

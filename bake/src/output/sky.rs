@@ -30,12 +30,17 @@ pub fn write(staging: &Staging, sky: &Sky) -> Result<u64> {
     Ok(half.clamped)
 }
 
-/// An image of at most `most` columns, and its size: each texel is the mean over the square that it covers.
+/// An image of at most `most` columns and half as many rows, and its size: each texel is the mean over the box that it covers.
 fn smaller(width: usize, height: usize, pixels: &[Rgb], most: usize) -> ([usize; 2], Vec<Rgb>) {
-    if width <= most {
+    let rows = (most / 2).max(1);
+    if width <= most && height <= rows {
         return ([width, height], pixels.to_vec());
     }
-    let size = [most, (height * most).div_ceil(width)];
+    let size = if width <= most {
+        [width, rows.min(height)]
+    } else {
+        [most, (height * most).div_ceil(width).min(rows)]
+    };
     let columns: Vec<Vec<(usize, f64)>> = (0..size[0]).map(|i| covered(i, size[0], width)).collect();
     let row = |y: usize| {
         let rows = covered(y, size[1], height);
@@ -71,12 +76,17 @@ mod tests {
 
     #[test]
     fn smaller_images_keep_their_mean() {
-        for (width, height, most) in [(7, 3, 7), (7, 3, 4), (100, 50, 33), (64, 32, 16), (9, 1, 2)] {
+        for (width, height, most) in
+            [(7, 3, 7), (7, 3, 4), (100, 50, 33), (64, 32, 16), (9, 1, 2), (4, 90, 16), (40, 90, 16)]
+        {
             let value = |i: usize| (i * 2_654_435_761 % 1009) as f32;
             let pixels: Vec<Rgb> =
                 (0..width * height).map(|i| Vec3::new(value(i), 1.0, 0.5 * value(i + 7))).collect();
             let (size, small) = smaller(width, height, &pixels, most);
-            assert!(size[0] <= most && small.len() == size[0] * size[1], "{size:?}");
+            assert!(
+                size[0] <= most && size[1] <= (most / 2).max(1) && small.len() == size[0] * size[1],
+                "{size:?}"
+            );
             let mean = |list: &[Rgb]| list.iter().map(|p| p.as_dvec3()).sum::<DVec3>() / list.len() as f64;
             let (a, b) = (mean(&pixels), mean(&small));
             assert!((a - b).abs().max_element() < 1e-3, "{width} {most}: {a} {b}");

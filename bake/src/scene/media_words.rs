@@ -150,10 +150,16 @@ fn medium(value: &Value, path: &str, files: &mut Files<'_>, out: &mut Findings) 
         None if boxed => return None,
         None => Region::Everywhere,
     };
+    let (sigma_s, sigma_a) = (sigma_s.unwrap_or_default() * factor, sigma_a.unwrap_or_default() * factor);
+    if !(sigma_s + sigma_a).is_finite() {
+        let what = format!("sigma times a density of {factor} is beyond what single precision holds");
+        out.push(Finding::error(place, what, "give sigma per metre, and a density near 1"));
+        return None;
+    }
     let medium = Medium {
         path: name.unwrap_or_else(|| path.to_owned()),
-        sigma_s: sigma_s.unwrap_or_default() * factor,
-        sigma_a: sigma_a.unwrap_or_default() * factor,
+        sigma_s,
+        sigma_a,
         density: Density::Constant,
         g,
         region,

@@ -144,7 +144,7 @@ impl Bake {
         let scene = Scene::open(&dir.join("scene.glb"), pages.len())?;
         let probes = manifest.probes.first().map(|p| volume(&dir.join(&p.file))).transpose()?;
         let lamps: Vec<Lamp> = manifest.lights.iter().filter_map(lamp).collect();
-        let media = Media::open(dir, &manifest.media)?;
+        let media = Media::open(dir, &manifest.media, reading.volume)?;
         let apart = lamps.len() <= reading.lamps;
         let fits = |g: &manifest::LightGrid| {
             let slices = g.slices.saturating_mul(BLOCKS);

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use glam::{Affine3A, Vec3};
 use half::f16;
 use ktx2::Format;
@@ -137,8 +137,19 @@ pub(crate) struct Density {
     pub(crate) cube: Affine3A,
     /// Texels along x, y and z.
     pub(crate) size: [u32; 3],
-    /// Its first slice in the atlas, behind a repeated one.
-    pub(crate) slice: u32,
+    /// The first of them in the atlas.
+    pub(crate) first: [u32; 3],
+}
+
+/// How many boxes lie side by side along each axis so that `n` fit; as near to a cube as there is room.
+fn boxes(n: usize, cell: [u32; 3], most: u32) -> Option<[u32; 3]> {
+    let n = u32::try_from(n).ok()?.max(1);
+    let room = cell.map(|c| most / c.max(1));
+    let side = (1..=n).find(|s| n <= s.saturating_pow(3)).unwrap_or(n);
+    let x = side.min(room[0]);
+    let y = side.min(room[1]);
+    let z = n.div_ceil((x * y).max(1));
+    (0 < x * y && z <= room[2]).then_some([x, y, z])
 }
 
 /// All media of a bake.
@@ -146,17 +157,18 @@ pub(crate) struct Density {
 pub(crate) struct Media {
     /// One by one.
     pub(crate) all: Vec<Medium>,
-    /// Densities one behind the other along z, their first and last slice twice, as single half floats; their size.
+    /// Densities side by side in boxes of one size, as single half floats, and the size of all. What is looked up lies between the middles of texels at
+    /// the faces of a box, so that neighbours never mix.
     pub(crate) atlas: (Vec<u8>, [u32; 3]),
 }
 
 impl Media {
-    /// Reads the media of a manifest.
+    /// Reads the media of a manifest, for an adapter that takes `most` texels along each axis.
     ///
     /// # Errors
     ///
     /// Where a density is missing, damaged, or not of the size that the manifest states.
-    pub(crate) fn open(dir: &Path, media: &[manifest::Medium]) -> Result<Self> {
+    pub(crate) fn open(dir: &Path, media: &[manifest::Medium], most: u32) -> Result<Self> {
         let mut images = Vec::new();
         for t in media.iter().filter_map(|m| m.texture.as_ref()) {
             let path = dir.join(&t.file);
@@ -168,26 +180,25 @@ impl Media {
             );
             images.push(image);
         }
-        let along = |a: usize| images.iter().map(|i| i.size[a]).max().unwrap_or(1);
-        let (width, height) = (along(0), along(1));
-        let mut bytes = Vec::new();
-        let mut slice = 0;
+        let cell = [0, 1, 2].map(|a| images.iter().map(|i| i.size[a]).max().unwrap_or(1));
+        let boxes = boxes(images.len(), cell, most);
+        let boxes = boxes.with_context(|| {
+            format!("the densities of {} media are more than this adapter takes", images.len())
+        })?;
+        let size = [0, 1, 2].map(|a| boxes[a] * cell[a]);
+        let mut bytes = vec![0; 2 * size.iter().map(|n| *n as usize).product::<usize>()];
         let mut starts = Vec::new();
-        for image in &images {
+        for (i, image) in (0u32..).zip(&images) {
+            let first = [i % boxes[0], i / boxes[0] % boxes[1], i / boxes[0] / boxes[1]];
+            let first: [u32; 3] = std::array::from_fn(|a| first[a] * cell[a]);
             let [w, h, d] = image.size;
-            starts.push(slice + 1);
-            for z in std::iter::once(0).chain(0..d).chain(std::iter::once(d - 1)) {
-                for y in 0..height {
-                    let row = ((z * h + y.min(h - 1)) * w * 2) as usize;
-                    let row = &image.bytes[row..row + 2 * w as usize];
-                    bytes.extend_from_slice(row);
-                    (w..width).for_each(|_| bytes.extend_from_slice(&row[row.len() - 2..]));
-                }
+            let line = 2 * w as usize;
+            for (row, (z, y)) in (0..d).flat_map(|z| (0..h).map(move |y| (z, y))).enumerate() {
+                let at =
+                    ((first[2] + z) * size[1] + first[1] + y) as usize * size[0] as usize + first[0] as usize;
+                bytes[2 * at..2 * at + line].copy_from_slice(&image.bytes[row * line..(row + 1) * line]);
             }
-            slice += d + 2;
-        }
-        if images.is_empty() {
-            (bytes, slice) = (vec![0; 2], 1);
+            starts.push(first);
         }
         let mut starts = starts.into_iter();
         let all = media
@@ -201,11 +212,11 @@ impl Media {
                 density: m.texture.as_ref().map(|t| Density {
                     cube: affine(t.unit_from_world),
                     size: t.size,
-                    slice: starts.next().unwrap_or(0),
+                    first: starts.next().unwrap_or_default(),
                 }),
             })
             .collect();
-        Ok(Self { all, atlas: (bytes, [width, height, slice]) })
+        Ok(Self { all, atlas: (bytes, size) })
     }
 }
 
@@ -217,6 +228,16 @@ fn affine(columns: [[f32; 3]; 4]) -> Affine3A {
 mod tests {
     use super::*;
     use tables::probes::{Basis, Lattice, Probe};
+
+    #[test]
+    fn densities_find_room() {
+        assert_eq!(boxes(0, [1; 3], 2048), Some([1; 3]));
+        assert_eq!(boxes(3, [128; 3], 2048), Some([2, 2, 1]));
+        assert_eq!(boxes(64, [128; 3], 2048), Some([4; 3]));
+        assert_eq!(boxes(64, [128, 128, 2], 256), Some([2, 2, 16]));
+        assert_eq!(boxes(9, [128; 3], 256), None);
+        assert_eq!(boxes(1, [300, 1, 1], 256), None);
+    }
 
     /// One brick of even light: every node holds it, in the layout of `light-grid.ktx2`.
     #[test]

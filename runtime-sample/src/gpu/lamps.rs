@@ -20,12 +20,14 @@ pub(crate) const MOST_LAMPS: usize = MOST_LAYERS / 6;
 const WIDEST: f32 = 1.2;
 
 /// Where a lamp's map is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Shadow {
     /// Its first layer.
     pub(super) layer: usize,
     /// Whether it has six, the faces of a cube.
     pub(super) cube: bool,
+    /// How wide its texels are: metres, and for each metre from the lamp.
+    pub(super) texel: [f32; 2],
 }
 
 /// The maps of a bake.
@@ -45,10 +47,20 @@ impl Plan {
             let views = if needed(lamp) { views(lamp, bake) } else { Vec::new() };
             let layer = plan.clip_from_world.len();
             let fits = !views.is_empty() && layer + views.len() <= MOST_LAYERS;
-            plan.shadows.push(fits.then_some(Shadow { layer, cube: views.len() == 6 }));
+            plan.shadows.push(fits.then_some(Shadow { layer, cube: views.len() == 6, texel: [0.0; 2] }));
             if fits {
                 plan.clip_from_world.extend(views);
             }
+        }
+        let side = plan.side() as f32;
+        for (shadow, lamp) in plan.shadows.iter_mut().zip(&bake.lamps) {
+            let Some(shadow) = shadow else { continue };
+            shadow.texel = match lamp.kind {
+                Kind::Sun => [2.0 * bake.scene.radius / side, 0.0],
+                Kind::Spot if !shadow.cube => [0.0, 2.0 * (WIDER * lamp.cone[1]).tan() / side],
+                // Cubes see 45 degrees to each side.
+                Kind::Point | Kind::Spot => [0.0, 2.0 / side],
+            };
         }
         plan
     }
@@ -64,6 +76,9 @@ impl Plan {
     }
 }
 
+/// Maps of spots are a little wider than their cones.
+const WIDER: f32 = 1.01;
+
 /// What a lamp sees: six faces of a cube, a cone, or all of the scene.
 fn views(lamp: &Lamp, bake: &Bake) -> Vec<Mat4> {
     let radius = bake.scene.radius;
@@ -75,7 +90,7 @@ fn views(lamp: &Lamp, bake: &Bake) -> Vec<Mat4> {
     let looking =
         |d: Vec3, angle: f32| proj::perspective(angle, 1.0, far, near) * view::look_to_mat4(at, d, side(d));
     match lamp.kind {
-        Kind::Spot if lamp.cone[1] < WIDEST => vec![looking(lamp.direction, 2.02 * lamp.cone[1])],
+        Kind::Spot if lamp.cone[1] < WIDEST => vec![looking(lamp.direction, 2.0 * WIDER * lamp.cone[1])],
         Kind::Point | Kind::Spot => {
             Vec3::AXES.into_iter().flat_map(|a| [a, -a]).map(|d| looking(d, FRAC_PI_2)).collect()
         }
@@ -132,7 +147,7 @@ mod tests {
         let mut wide = lamp(Kind::Spot);
         wide.cone = [1.0, 1.5];
         let plan = Plan::new(&self::bake(vec![wide]), |_| true);
-        assert_eq!(plan.shadows, [Some(Shadow { layer: 0, cube: true })]);
+        assert_eq!(plan.shadows, [Some(Shadow { layer: 0, cube: true, texel: [0.0, 2.0 / 1024.0] })]);
     }
 
     #[test]

@@ -17,14 +17,19 @@ pub(super) const DEPTH: TextureFormat = TextureFormat::Depth32Float;
 /// Format of fog, and of pictures where 32-bit floats are not wanted.
 pub(super) const HALF: TextureFormat = TextureFormat::Rgba16Float;
 
+/// Format of single froxels: optical depths of thin haze and of thick smoke.
+pub(super) const FROXELS: TextureFormat = TextureFormat::Rgba32Float;
+
 /// What is bound together.
 #[derive(Debug)]
 pub(super) struct Layouts {
     /// Group 0: `shaders/view.wgsl`.
     pub(super) view: BindGroupLayout,
-    /// Volumes that compute passes write.
+    /// Froxels that are written, and that are read one by one.
+    pub(super) froxels_out: BindGroupLayout,
+    pub(super) froxels_in: BindGroupLayout,
+    /// Their sums that are written, and that are looked up.
     pub(super) fog_out: BindGroupLayout,
-    /// Two volumes that are read.
     pub(super) fog_in: BindGroupLayout,
     pub(super) material: BindGroupLayout,
     pub(super) page: BindGroupLayout,
@@ -118,10 +123,10 @@ impl Layouts {
                 .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries })
         };
         let fragment = ShaderStages::FRAGMENT;
-        let out = |binding| {
+        let out = |binding, format| {
             let ty = BindingType::StorageTexture {
                 access: StorageTextureAccess::WriteOnly,
-                format: HALF,
+                format,
                 view_dimension: D3,
             };
             entry(binding, ShaderStages::COMPUTE, ty)
@@ -154,7 +159,12 @@ impl Layouts {
                     entry(11, DRAWN, texture(D2, true)),
                 ],
             ),
-            fog_out: layout("fog out", &[out(0), out(1)]),
+            froxels_out: layout("froxels out", &[out(0, FROXELS), out(1, FROXELS)]),
+            froxels_in: layout(
+                "froxels in",
+                &[entry(0, DRAWN, texture(D3, false)), entry(1, DRAWN, texture(D3, false))],
+            ),
+            fog_out: layout("fog out", &[out(0, HALF), out(1, HALF)]),
             fog_in: layout(
                 "fog in",
                 &[entry(0, DRAWN, texture(D3, true)), entry(1, DRAWN, texture(D3, true))],
@@ -234,10 +244,15 @@ fn shader(gpu: &Gpu, label: &str, parts: &[&str]) -> wgpu::ShaderModule {
 }
 
 fn layout(gpu: &Gpu, label: &str, groups: &[&BindGroupLayout]) -> wgpu::PipelineLayout {
-    let groups: Vec<Option<&BindGroupLayout>> = groups.iter().copied().map(Some).collect();
+    let groups: Vec<_> = groups.iter().copied().map(Some).collect();
+    layout_of(gpu, label, &groups)
+}
+
+/// With groups that are not used.
+fn layout_of(gpu: &Gpu, label: &str, groups: &[Option<&BindGroupLayout>]) -> wgpu::PipelineLayout {
     gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some(label),
-        bind_group_layouts: &groups,
+        bind_group_layouts: groups,
         immediate_size: 0,
     })
 }
@@ -446,10 +461,10 @@ fn ball_like<'a>(d: &Drawing<'a>) -> Drawing<'a> {
 impl Fixed {
     pub(super) fn new(gpu: &Gpu, l: &Layouts) -> Self {
         let fog = shader(gpu, "fog", &[VIEW, include_str!("shaders/fog.wgsl")]);
-        let compute = |label, groups: &[&BindGroupLayout]| {
+        let compute = |label, groups: &[Option<&BindGroupLayout>]| {
             gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(label),
-                layout: Some(&layout(gpu, label, groups)),
+                layout: Some(&layout_of(gpu, label, groups)),
                 module: &fog,
                 entry_point: Some(label),
                 compilation_options: Default::default(),
@@ -475,8 +490,8 @@ impl Fixed {
             samples: 1,
         };
         Self {
-            scatter: compute("scatter", &[&l.view, &l.fog_out]),
-            accumulate: compute("accumulate", &[&l.view, &l.fog_out, &l.fog_in]),
+            scatter: compute("scatter", &[Some(&l.view), Some(&l.froxels_out)]),
+            accumulate: compute("accumulate", &[Some(&l.view), None, Some(&l.froxels_in), Some(&l.fog_out)]),
             shadow: pipeline(gpu, &drawn),
         }
     }

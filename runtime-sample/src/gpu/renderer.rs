@@ -9,7 +9,7 @@ use wgpu::{BindingResource, BufferUsages, TextureFormat, TextureUsages};
 
 use super::{
     device::{Gpu, Shape},
-    pipelines::{DEPTH, Fixed, HALF, Layouts, Pass, Pipelines, Surface},
+    pipelines::{DEPTH, FROXELS, Fixed, HALF, Layouts, Pass, Pipelines, Surface},
     uniforms::ViewUniform,
     uploaded::{Sphere, SphereMesh, Uploaded, at, whole},
 };
@@ -276,9 +276,11 @@ impl Renderer {
         let light = stage == Stage::LightInFog;
         pass.set_pipeline(if light { &self.fixed.scatter } else { &self.fixed.accumulate });
         pass.set_bind_group(0, &on_card.view_group, &[]);
-        pass.set_bind_group(1, if light { &fog.scatter_out } else { &fog.sums_out }, &[]);
-        if !light {
+        if light {
+            pass.set_bind_group(1, &fog.scatter_out, &[]);
+        } else {
             pass.set_bind_group(2, &fog.scatter_in, &[]);
+            pass.set_bind_group(3, &fog.sums_out, &[]);
         }
         pass.dispatch_workgroups(x.div_ceil(8), y.div_ceil(8), if light { z } else { 1 });
     }
@@ -414,21 +416,21 @@ fn spheres_of(pass: &mut wgpu::RenderPass<'_>, mesh: &SphereMesh, instances: &wg
 
 impl Fog {
     fn new(gpu: &Gpu, layouts: &Layouts, froxels: [u32; 3]) -> Self {
-        let volume = |slices| {
+        let volume = |slices, format| {
             let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
                 label: Some("fog"),
                 size: Shape::Volume([froxels[0], froxels[1], slices]).extent(),
                 mip_level_count: 1,
                 sample_count: 1,
                 dimension: wgpu::TextureDimension::D3,
-                format: HALF,
+                format,
                 usage: TextureUsages::STORAGE_BINDING | TextureUsages::TEXTURE_BINDING,
                 view_formats: &[],
             });
             whole(&texture)
         };
-        let pair = |slices| [volume(slices), volume(slices)];
-        let (scattered, sums) = (pair(froxels[2]), pair(froxels[2] + 2));
+        let pair = |slices, format| [volume(slices, format), volume(slices, format)];
+        let (scattered, sums) = (pair(froxels[2], FROXELS), pair(froxels[2] + 2, HALF));
         let group = |layout, views: &[wgpu::TextureView; 2]| {
             gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
                 label: Some("fog"),
@@ -441,8 +443,8 @@ impl Fog {
         };
         Self {
             froxels,
-            scatter_out: group(&layouts.fog_out, &scattered),
-            scatter_in: group(&layouts.fog_in, &scattered),
+            scatter_out: group(&layouts.froxels_out, &scattered),
+            scatter_in: group(&layouts.froxels_in, &scattered),
             sums_out: group(&layouts.fog_out, &sums),
             sums_in: group(&layouts.fog_in, &sums),
         }

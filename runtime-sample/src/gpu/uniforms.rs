@@ -48,6 +48,7 @@ pub(super) struct LampUniform {
     direction: [f32; 4],
     intensity: [f32; 4],
     cone: [f32; 4],
+    texel: [f32; 4],
 }
 
 /// A medium.
@@ -60,6 +61,7 @@ pub(super) struct MediumUniform {
     texture: [[f32; 4]; 3],
     height: [f32; 4],
     size: [u32; 4],
+    first: [u32; 4],
 }
 
 /// A material.
@@ -200,7 +202,8 @@ impl MediumUniform {
         }
         if let Some(d) = &m.density {
             u.texture = rows(&d.cube, bake);
-            u.size = [d.size[0], d.size[1], d.size[2], d.slice];
+            u.size = [d.size[0], d.size[1], d.size[2], 0];
+            u.first = [d.first[0], d.first[1], d.first[2], 0];
         }
         u
     }
@@ -219,11 +222,13 @@ impl LampUniform {
         let cube = shadow.is_some_and(|s| s.cube);
         let cone = [scale, -outer * scale, f32::from(u8::from(!lamp.baked)), f32::from(u8::from(cube))];
         let layer = shadow.map_or(-1.0, |s| s.layer as f32);
+        let [metres, each] = shadow.map_or([0.0; 2], |s| s.texel);
         Self {
             position: wide(local(lamp.position, bake), kind),
             direction: wide(lamp.direction, lamp.range.unwrap_or(0.0)),
             intensity: wide(lamp.intensity, layer),
             cone,
+            texel: [metres, each, 0.0, 0.0],
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use bytemuck::{bytes_of, cast_slice};
 use glam::{Mat4, Vec3};
 use wgpu::{
@@ -111,16 +111,19 @@ impl Uploaded {
             None => gpu.texture("light grid", Shape::Volume([1; 3]), HALF, &[0; 8]),
         };
         let (bytes, size) = &bake.media.atlas;
-        ensure!(
-            size[2] <= gpu.most_slices,
-            "the densities of media have {} slices, this adapter takes {}",
-            size[2],
-            gpu.most_slices
-        );
         let none = [0; 2];
         let bytes = if bytes.is_empty() { &none[..] } else { bytes };
         let densities =
             gpu.texture("densities", Shape::Volume(size.map(|n| n.max(1))), TextureFormat::R16Float, bytes);
+        let widest = limits.max_texture_dimension_2d;
+        if let Some(s) = bake.sky.as_ref().filter(|s| widest < s.width.max(s.height)) {
+            bail!(
+                "sky.exr of {} has {} x {} texels, this adapter takes {widest}",
+                bake.label,
+                s.width,
+                s.height
+            );
+        }
         let sky = match &bake.sky {
             Some(s) => gpu.texture("sky", Shape::Flat([s.width, s.height]), HALF, cast_slice(&s.texels)),
             None => gpu.texture("sky", Shape::Flat([1; 2]), HALF, &[0; 8]),

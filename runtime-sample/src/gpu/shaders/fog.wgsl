@@ -1,8 +1,9 @@
 // Fog to the eye in froxels, cells of the view: what scatters towards the eye in each, then sums from the eye on
 // ([Wro14]; energy over a slice as in [Hil15]).
 
-@group(1) @binding(0) var scattered_out: texture_storage_3d<rgba16float, write>;
-@group(1) @binding(1) var extinction_out: texture_storage_3d<rgba16float, write>;
+// Of each froxel: what it sends to the eye where nothing passes it, and its optical depth.
+@group(1) @binding(0) var source_out: texture_storage_3d<rgba32float, write>;
+@group(1) @binding(1) var depth_out: texture_storage_3d<rgba32float, write>;
 
 // Distance ahead at which slice k begins.
 fn slice_start(k: f32) -> f32 {
@@ -99,20 +100,21 @@ fn scatter(@builtin(global_invocation_id) id: vec3u) {
     let sigma_t = 0.5 * (a.sigma_t + b.sigma_t);
     var light = vec3f(0.0);
     if any(vec3f(0.0) < sigma_s) {
-        let p = r.origin + r.direction * mix(t0, t1, view.slices.z);
         // As heavy as what scatters there.
         let w = vec2f(dot(a.sigma_s, vec3f(1.0)), dot(b.sigma_s, vec3f(1.0)));
         let g = dot(w, vec2f(a.g, b.g)) / (w.x + w.y);
-        light = (grid_light(p, r.direction, g) + lamp_light(r, t0, t1, g)) * sigma_s * view.tone.x;
+        let p = r.origin + r.direction * mix(t0, t1, view.slices.z);
+        light = (grid_light(p, r.direction, g) + lamp_light(r, t0, t1, g)) * view.tone.x;
+        light *= select(vec3f(0.0), sigma_s / sigma_t, vec3f(0.0) < sigma_t);
     }
-    // Of the whole way through, not for each metre: half floats hold that whatever a scene's size.
-    let way = t1 - t0;
-    textureStore(scattered_out, id, vec4f(min(light * way, vec3f(6e4)), 0.0));
-    textureStore(extinction_out, id, vec4f(min(sigma_t * way, vec3f(6e4)), 0.0));
+    textureStore(source_out, id, vec4f(light, 0.0));
+    textureStore(depth_out, id, vec4f(sigma_t * (t1 - t0), 0.0));
 }
 
-@group(2) @binding(0) var scattered: texture_3d<f32>;
-@group(2) @binding(1) var extinction: texture_3d<f32>;
+@group(2) @binding(0) var source: texture_3d<f32>;
+@group(2) @binding(1) var depths: texture_3d<f32>;
+@group(3) @binding(0) var light_out: texture_storage_3d<rgba16float, write>;
+@group(3) @binding(1) var passing_out: texture_storage_3d<rgba16float, write>;
 
 // Texel k of what goes out: what is scattered towards the eye before slice k begins, and what passes from there; the last is all the way.
 @compute @workgroup_size(8, 8, 1)
@@ -122,28 +124,27 @@ fn accumulate(@builtin(global_invocation_id) id: vec3u) {
     var light = vec3f(0.0);
     var passes = vec3f(1.0);
     var s = vec3f(0.0);
-    var depth = vec3f(0.0);
     for (var k = 0u; k < view.froxels.z; k++) {
         store(id.xy, k, light, passes);
-        s = textureLoad(scattered, vec3u(id.xy, k), 0).rgb;
-        depth = textureLoad(extinction, vec3u(id.xy, k), 0).rgb;
-        light += passes * s * mean_passing(depth);
+        s = textureLoad(source, vec3u(id.xy, k), 0).rgb;
+        let depth = textureLoad(depths, vec3u(id.xy, k), 0).rgb;
+        light += passes * s * taken(depth);
         passes *= exp(-depth);
     }
     store(id.xy, view.froxels.z, light, passes);
     // Beyond the last slice are only media that have no end, lit as they are there.
     let last = slice_start(f32(view.froxels.z)) * r.stretch;
-    let beyond = exp(-optical_depth(r.origin + r.direction * last, r.direction, 1e9));
-    light += select(vec3f(0.0), passes * s * (1.0 - beyond) / depth, vec3f(0.0) < depth);
-    store(id.xy, view.froxels.z + 1u, light, passes * beyond);
+    let beyond = optical_depth(r.origin + r.direction * last, r.direction, 1e9);
+    light += passes * s * taken(beyond);
+    store(id.xy, view.froxels.z + 1u, light, passes * exp(-beyond));
 }
 
 fn store(at: vec2u, k: u32, light: vec3f, passes: vec3f) {
-    textureStore(scattered_out, vec3u(at, k), vec4f(min(light, vec3f(6e4)), 1.0));
-    textureStore(extinction_out, vec3u(at, k), vec4f(passes, 1.0));
+    textureStore(light_out, vec3u(at, k), vec4f(min(light, vec3f(6e4)), 1.0));
+    textureStore(passing_out, vec3u(at, k), vec4f(passes, 1.0));
 }
 
-// What passes on average over a way of an optical depth.
-fn mean_passing(x: vec3f) -> vec3f {
-    return select((1.0 - exp(-x)) / x, 1.0 - 0.5 * x, x < vec3f(1e-3));
+// What an optical depth takes of light, also where it is hardly more than nothing.
+fn taken(depth: vec3f) -> vec3f {
+    return select(1.0 - exp(-depth), depth * (1.0 - 0.5 * depth), depth < vec3f(1e-3));
 }

@@ -49,6 +49,8 @@ struct Lamp {
     intensity: vec4f,
     // Scale and offset of the cone's cosine; 1 where lightmaps lack it; 1 where its shadow map is a cube.
     cone: vec4f,
+    // How wide a texel of its shadow map is: metres, and for each metre from the lamp.
+    texel: vec4f,
 }
 
 // An affine map as three rows.
@@ -67,8 +69,9 @@ struct Medium {
     texture: Map,
     // Base and falloff.
     height: vec4f,
-    // Texels; w: first slice in the atlas.
+    // Texels, and the first of them in the atlas.
     size: vec4u,
+    first: vec4u,
 }
 
 @group(0) @binding(0) var<uniform> view: View;
@@ -174,7 +177,7 @@ fn density(m: Medium, p: vec3f) -> f32 {
         let u = through(m.texture, p);
         if any(u < vec3f(0.0)) || any(vec3f(1.0) < u) { return 0.0; }
         let size = vec3f(m.size.xyz);
-        let texel = clamp(u * size, vec3f(0.5), size - 0.5) + vec3f(0.0, 0.0, f32(m.size.w));
+        let texel = clamp(u * size, vec3f(0.5), size - 0.5) + vec3f(m.first.xyz);
         d *= textureSampleLevel(densities, linear, texel / vec3f(textureDimensions(densities)), 0.0).r;
     }
     return d;
@@ -189,7 +192,8 @@ fn here(p: vec3f) -> Here {
         let s = media[i].sigma_s.rgb * d;
         h.sigma_s += s;
         h.sigma_t += s + media[i].sigma_a.rgb * d;
-        let w = dot(s, vec3f(0.2126, 0.7152, 0.0722));
+        // Weighed by what scatters, as in the bake.
+        let w = dot(s, vec3f(1.0));
         h.g += w * media[i].sigma_s.w;
         weight += w;
     }
@@ -331,7 +335,9 @@ fn added(p: vec3f, n: vec3f) -> vec3f {
         }
         let cosine = -dot(travels, n);
         if cosine <= 0.0 || all(light <= vec3f(0.0)) { continue; }
-        light *= lit(lamp, p) * cosine / PI;
+        // A texel of the map knows one depth for all of its surface: what is asked for lies in front of that.
+        let wide = lamp.texel.x + lamp.texel.y * r;
+        light *= lit(lamp, p + n * (1.5 * wide)) * cosine / PI;
         light *= exp(-optical_depth(p, -travels, r));
         sum += light;
     }
