@@ -538,17 +538,20 @@ mod tests {
         assert_eq!(describe(&medium(flat, Density::Constant), 0, &staging)?, None);
         let nothing = medium(shell(&[]), Density::Constant);
         assert_eq!(describe(&nothing, 0, &staging)?, None);
-        // Densities beyond half floats are cut and counted.
+        // Densities beyond half floats have a unit of their own.
         let values = Voxels::from_fn(uvec3(2, 1, 1), 1 << 20, |v| if v.x == 0 { 1e6 } else { 2.0 });
         let values = Arc::new(values.expect("a grid"));
         let density = Density::Voxels { values, voxels_from_world: Affine3A::IDENTITY };
         let dense = describe(&medium(Region::Everywhere, density), 1, &staging)?.expect("a medium");
         let texture = dense.texture.expect("a texture");
-        assert_eq!((texture.file.as_str(), texture.size, texture.clamped), ("medium-1.ktx2", [2, 1, 1], 1));
+        assert_eq!((texture.file.as_str(), texture.size, texture.clamped), ("medium-1.ktx2", [2, 1, 1], 0));
+        let unit = 524_288.0;
+        let sigma = medium(Region::Everywhere, Density::Constant).sigma_s * unit;
+        assert_eq!(dense.sigma_s, sigma.to_array());
         let bytes = std::fs::read(staging.path("medium-1.ktx2"))?;
         let reader = ktx2::Reader::new(&bytes[..]).expect("a KTX2 file");
         assert_eq!(reader.header().format, Some(ktx2::Format::R16_SFLOAT));
-        let want = [f16::MAX, f16::from_f32(2.0)].map(f16::to_le_bytes).concat();
+        let want = [1e6, 2.0].map(|d| f16::from_f32(d / unit).to_le_bytes()).concat();
         assert_eq!(reader.levels().next().expect("a level").data, want);
         Ok(())
     }
