@@ -10,6 +10,9 @@ use exr::prelude as exr;
 use glam::{DVec2, DVec3, Mat4, Vec2, Vec3};
 use tables::format::manifest::Manifest;
 
+/// Channels of a page that are no light.
+pub const NO_LIGHT: [&str; 2] = ["A", "filled"];
+
 /// A lightmap page.
 #[derive(Clone, Debug, Default)]
 pub struct Page {

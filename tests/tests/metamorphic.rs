@@ -1,7 +1,7 @@
 //! Changes of the scene with a known effect.
 
 use suite::{
-    baked::Baked,
+    baked::{Baked, NO_LIGHT},
     scenes::closed::{Room, room},
     tool,
 };
@@ -12,7 +12,8 @@ fn bake(r: Room, texels_per_metre: f32) -> Baked {
 }
 
 fn values(baked: &Baked) -> impl Iterator<Item = (&String, usize, f32)> {
-    let shown = baked.pages.iter().flat_map(|p| &p.channels).filter(|(name, _)| *name != "A");
+    let shown =
+        baked.pages.iter().flat_map(|p| &p.channels).filter(|(name, _)| !NO_LIGHT.contains(&name.as_str()));
     shown.flat_map(|(name, values)| values.iter().enumerate().map(move |(i, &v)| (name, i, v)))
 }
 
