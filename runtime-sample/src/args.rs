@@ -57,7 +57,7 @@ pub(crate) struct Args {
     /// Leave the moving spheres out
     #[arg(long)]
     pub(crate) no_balls: bool,
-    /// A sphere in place of the moving ones: X,Y,Z,RADIUS[,ALBEDO] in metres; may be given again
+    /// A sphere in place of the moving ones: X,Y,Z,RADIUS or X,Y,Z,RADIUS,ALBEDO in metres; may be given again
     #[arg(long, value_name = "SPHERE", allow_hyphen_values = true)]
     pub(crate) ball: Vec<Still>,
     /// Show probes as spheres; those in walls, which hold the light of others, are red
