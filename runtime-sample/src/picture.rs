@@ -220,17 +220,27 @@ impl Floats {
     pub(crate) fn save(&self, path: &Path) -> Result<()> {
         let failed = || format!("{}: cannot write this file; is its folder there?", path.display());
         let at = |x: usize, y: usize| self.pixels[y * self.size[0] as usize + x];
-        match kind(path)? {
+        // Beside its place first, so that an older picture is replaced as a whole or not at all.
+        let mut name = path.as_os_str().to_owned();
+        name.push(".part");
+        let part = Path::new(&name);
+        let written = match kind(path)? {
             Kind::Exr => {
                 let (w, h) = (self.size[0] as usize, self.size[1] as usize);
-                exr::prelude::write_rgb_file(path, w, h, |x, y| {
+                exr::prelude::write_rgb_file(part, w, h, |x, y| {
                     let [r, g, b] = at(x, y);
                     (r, g, b)
                 })
                 .with_context(failed)
             }
-            Kind::Png => self.image().save(path).with_context(failed),
+            Kind::Png => self.image().save_with_format(part, image::ImageFormat::Png).with_context(failed),
+        };
+        let done = written.and_then(|()| std::fs::rename(part, path).with_context(failed));
+        if done.is_err() {
+            // It may not be there at all.
+            let _ = std::fs::remove_file(part);
         }
+        done
     }
 
     /// Encoded as sRGB.

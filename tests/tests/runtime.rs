@@ -303,8 +303,13 @@ fn fog_is_lit_by_lamps_as_integrals_say() {
             100.0 * sorted[sorted.len() * 19 / 20],
             100.0 * worst
         );
-        // The tip of a cone and where it meets the floor are narrower than froxels.
-        let [sums, most] = if kind == "spot" { [0.06, 0.15] } else { [0.01, 0.03] };
+        // The tip of a cone and where it meets the floor are narrower than froxels (3.5 % in all, 95 % within 10.4 %, was measured);
+        // 95 % of the others were within 0.8 (point), 1.4 (sun) and 2.1 % (overlapping).
+        let [sums, most] = match kind {
+            "spot" => [0.05, 0.12],
+            "overlapping" => [0.01, 0.025],
+            _ => [0.01, 0.02],
+        };
         assert!((sum / all - 1.0).abs() < sums, "{kind}: {sum} of {all}");
         assert!(sorted[sorted.len() / 2] < 0.012 && sorted[sorted.len() * 19 / 20] < most, "{kind}");
     }

@@ -26,7 +26,6 @@ fn compiles(file: &str, declarations: &str) {
 #[test]
 fn probes_are_looked_up_as_documented() {
     let declarations = "
-        struct Header { origin: vec3f, spacing: f32, size: vec3u }
         const origin = vec3f(0.0); const spacing = 1.0; const size = vec3u(2u);
         @group(0) @binding(0) var<storage, read> index: array<u32>;
         @group(0) @binding(1) var<storage, read> bricks: array<u32>;
