@@ -4,7 +4,7 @@
 //!
 //! ```text
 //! tables -> error -> sample -> scene -> geom -> media -> light -> plan -> transport -> solve -> output -> files
-//! files -> compare, files -> runtime-sample;  cli stands above all
+//! files -> compare, files -> runtime-sample;  study bakes and reads files as a user does;  cli stands above all
 //! ```
 //!
 //! | stage | takes | gives |
@@ -14,6 +14,7 @@
 //! | [`solve`] | plan, sample by sample through [`transport`] | `E / pi` in nits and its standard error, by texel |
 //! | [`output`] | solved texels | a folder: pages, `scene.glb`, manifest |
 //! | [`compare`] | two folders or EXRs | error figures and a verdict |
+//! | [`study`] | a scene | error over seconds for every knob: CSV, plots, one page |
 //!
 //! [`geom`], [`media`], [`light`] and [`sample`] are what these stand on. Units and words are explained in
 //! [`tables`]; what is approximated is listed in the README under "Where it is wrong".
@@ -32,4 +33,5 @@ pub mod plan;
 pub mod sample;
 pub mod scene;
 pub mod solve;
+pub mod study;
 pub mod transport;

@@ -252,3 +252,13 @@ pub fn points(scene: &Path, at: &[[[f64; 3]; 2]], args: &[&str]) -> Vec<[[f64; 3
 pub fn numbers(v: &Value) -> [f64; 3] {
     std::array::from_fn(|i| v[i].as_f64().unwrap_or(f64::NAN))
 }
+
+/// What figures were measured on: the processor, its cores, and the day, in words.
+#[must_use]
+pub fn machine() -> String {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model = info.lines().find(|l| l.starts_with("model name")).and_then(|l| l.split(':').nth(1));
+    let cores = std::thread::available_parallelism().map_or(0, usize::from);
+    let day = humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string();
+    format!("{}, {cores} cores, {}", model.unwrap_or("an unknown processor").trim(), &day[..10])
+}

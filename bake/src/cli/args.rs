@@ -38,6 +38,8 @@ pub(crate) enum Command {
     Points(PointsArgs),
     /// Compare two bakes or two EXR files
     Compare(CompareArgs),
+    /// Measure error against seconds for every knob
+    Study(StudyArgs),
     /// Write a page that shows a bake in a browser
     Html(HtmlArgs),
     /// Join shards (reserved)
@@ -108,6 +110,8 @@ pub(crate) struct SettingsArgs {
     #[command(flatten)]
     pub(crate) grid: GridArgs,
     #[command(flatten)]
+    pub(crate) tuning: TuningArgs,
+    #[command(flatten)]
     pub(crate) probes: ProbeArgs,
     /// End paths at irradiance gathered beforehand: much less noise, a small bias that README states; a
     /// limit of --bounces rules it out
@@ -146,6 +150,23 @@ pub(crate) struct GridArgs {
     /// Most times that light is scattered on its way from node to node; without it as often as counts
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=400))]
     pub(crate) grid_orders: Option<u32>,
+}
+
+/// Look-ups of lights and tables.
+#[derive(Clone, Debug, ClapArgs)]
+pub(crate) struct TuningArgs {
+    /// How many of many lights a texel asks at once [default: 4]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub(crate) light_samples: Option<u32>,
+    /// Squared size over squared distance beyond which groups of many lights are looked into [default: 0.5]
+    #[arg(long, value_name = "X", value_parser = positive, allow_negative_numbers = true)]
+    pub(crate) light_threshold: Option<f32>,
+    /// Response tables for --media table, made by `tables build`; the embedded ones if absent
+    #[arg(long, value_name = "FILE.zht")]
+    pub(crate) tables: Option<PathBuf>,
+    /// Bands of zonal harmonics that --media table looks up [default: 11]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=11))]
+    pub(crate) zh_order: Option<u32>,
 }
 
 /// Light probes.
@@ -200,6 +221,10 @@ pub(crate) struct RunArgs {
     pub(crate) output: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) settings: SettingsArgs,
+    /// Gather so many texels again by paths that approximate nothing, media and cache and bounces included, and say by how much the
+    /// map is off beside its noise
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1 << 24))]
+    pub(crate) audit: Option<u32>,
     /// Fail on the first sample that is not a number instead of counting it
     #[arg(long)]
     pub(crate) strict: bool,
@@ -277,6 +302,8 @@ pub(crate) struct PointsArgs {
     pub(crate) direct: Option<DirectArg>,
     #[command(flatten)]
     pub(crate) grid: GridArgs,
+    #[command(flatten)]
+    pub(crate) tuning: TuningArgs,
     /// Seed of all random numbers
     #[arg(long, value_name = "N")]
     pub(crate) seed: Option<u64>,
@@ -302,6 +329,42 @@ pub(crate) struct CompareArgs {
     /// Print JSON
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(crate) struct StudyArgs {
+    #[command(flatten)]
+    pub(crate) scene: SceneArgs,
+    /// Folder to write: study.html, study.csv and plots [default: the scene's name + .study]
+    #[arg(short, long, value_name = "DIR")]
+    pub(crate) output: Option<PathBuf>,
+    /// About how many texels the scene is given
+    #[arg(long, value_name = "N", default_value_t = 30_000, value_parser = clap::value_parser!(u32).range(100..=100_000_000))]
+    pub(crate) texels: u32,
+    /// Unbiased paths per texel of each of the two references
+    #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=1 << 20))]
+    pub(crate) reference_samples: u32,
+    /// Bakes of each setting, each with another seed
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(2..=64))]
+    pub(crate) seeds: u32,
+    /// Only these knobs, such as `samples,media rung`
+    #[arg(long, value_name = "NAME,NAME,...", value_delimiter = ',')]
+    pub(crate) knobs: Vec<String>,
+    #[command(flatten)]
+    pub(crate) work: WorkArgs,
+}
+
+impl StudyArgs {
+    /// Settings of a bake as the study makes them: those of medium quality.
+    pub(crate) fn settings(&self) -> SettingsArgs {
+        /// Arguments of a command that has nothing else.
+        #[derive(Parser)]
+        struct Plain {
+            #[command(flatten)]
+            settings: SettingsArgs,
+        }
+        Plain::parse_from(["bake"]).settings
+    }
 }
 
 #[derive(Debug, ClapArgs)]

@@ -12,11 +12,12 @@ use crate::output::page::{Page, PageStats};
 use crate::output::scene_glb::PageFile;
 use crate::output::stitch::{self, Sheet};
 use crate::output::{self, assemble, exr, preview, record, scene_glb, texture, view};
-use crate::plan::settings::{Denoise, Probes, Sampling};
+use crate::plan::settings::{Denoise, MediaMode, Probes, Sampling};
 use crate::plan::{self, Plan};
 use crate::scene::document::Document;
 use crate::scene::model::Camera;
 use crate::solve::accumulate::Gate;
+use crate::solve::bias::Bias;
 use crate::solve::cache::Cells;
 use crate::solve::directional::{self, Direction};
 use crate::solve::light_grid::{Gathering, all_light};
@@ -31,7 +32,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
-use tables::format::manifest::{Denoised, ErrorFigure, Samples};
+use tables::format::manifest::{Denoised, ErrorFigure, Manifest, Samples, Timings};
 
 pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Error> {
     if args.resume || args.shard.is_some() || args.of.is_some() {
@@ -56,6 +57,7 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
         .build()
         .map_err(|e| Error::Usage(format!("cannot start {threads} threads: {e}")))?;
     let strict = args.strict || input.run.strict.unwrap_or(false);
+    let audit = args.audit.or(input.run.audit).unwrap_or(0);
     pool.install(|| {
         let staging = Staging::begin(&folder)?;
         watch.lap("load");
@@ -71,7 +73,7 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
         let memory = plan.memory(&input.document).peak();
         let exposure = args.exposure;
         let mut job =
-            Job { plan: &plan, staging: &staging, style, interrupt, strict, exposure, watch, memory };
+            Job { plan: &plan, staging: &staging, style, interrupt, strict, audit, exposure, watch, memory };
         let baked = job.pages()?;
         interrupt.check()?;
         let (exposure, camera) = job.scene(&input.document, &baked)?;
@@ -88,13 +90,19 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
         manifest.media = baked.media;
         manifest.probes = baked.probes;
         manifest.seams = plan.settings().seams.then(|| baked.seams.manifest());
+        manifest.bias = baked.bias.figures().map(record::bias);
         let (error, denoised) = (manifest.error, manifest.denoised);
+        let closing = closing(&manifest, &baked.halving);
         watch.lap("write");
         interrupt.check()?;
         let timings =
             watch.timings(baked.monitor.rays(), baked.monitor.paths(), rayon::current_num_threads());
         staging.commit(manifest, &timings)?;
         input::say_responses(plan.tracing());
+        for (name, text) in closing {
+            style.stage(name, &text);
+        }
+        style.stage("time", &stages(&timings));
         style.stage("done", &summary(&folder, &plan, (&error, denoised), &timings));
         if let (Sampling::Target(wanted), Some(reached)) = (&plan.settings().sampling, error.relative)
             && f64::from(*wanted) < reached
@@ -127,7 +135,7 @@ fn summary(
     folder: &Path,
     plan: &Plan,
     (error, denoised): (&ErrorFigure, Option<Denoised>),
-    timings: &tables::format::manifest::Timings,
+    timings: &Timings,
 ) -> String {
     let pages = plan.atlas().pages.len();
     let mut error =
@@ -144,6 +152,95 @@ fn summary(
     )
 }
 
+/// How the error falls with samples, and what they took.
+#[derive(Clone, Copy, Debug, Default)]
+struct Halving {
+    /// Seconds of sampling by the clock.
+    seconds: f64,
+    /// Power with which the error falls, weighed by seconds.
+    weighed: f64,
+}
+
+/// Power with which errors of independent samples fall.
+const INDEPENDENT: f64 = 0.5;
+
+/// Errors that fall faster than this are not believed to go on like that.
+const FASTEST: f64 = 0.75;
+
+impl Halving {
+    fn add(&mut self, seconds: f64, solution: &Solution) {
+        self.seconds += seconds;
+        self.weighed += seconds * power(&solution.curve);
+    }
+
+    /// Seconds of sampling beyond those spent until the error is half as large.
+    fn more(&self) -> Option<f64> {
+        let power = self.weighed / self.seconds;
+        (power.is_finite() && 0.0 < power).then(|| self.seconds * (2.0f64.powf(power.recip()) - 1.0))
+    }
+}
+
+/// Power with which the error fell over the last doubling of samples, or that of independent ones where that is not known.
+fn power(curve: &[(f64, f64)]) -> f64 {
+    let Some(&(spent, error)) = curve.last() else { return INDEPENDENT };
+    let before = curve.iter().rev().find(|(s, _)| 1.9 * s <= spent);
+    let fell = before.map(|&(s, e)| (e / error).ln() / (spent / s).ln());
+    fell.filter(|p| p.is_finite()).map_or(INDEPENDENT, |p| p.clamp(INDEPENDENT, FASTEST))
+}
+
+/// What a bake says of its error: how large, noise and bias, and what half of it would take.
+fn closing(manifest: &Manifest, halving: &Halving) -> Vec<(&'static str, String)> {
+    let mut out = Vec::new();
+    let Some(relative) = manifest.error.relative else { return out };
+    let percent = |x: f64| format!("{:.2} %", 100.0 * x);
+    let audited = manifest.pages.iter().any(|p| p.audit.is_some());
+    let mut text = format!("noise {} of the mean", percent(relative));
+    text += if audited { ", intervals checked by an audit" } else { ", too few lit texels for an audit" };
+    // Each page's mean may be off; together they are as their texels.
+    let (mut off, mut variance, mut light) = (0.0, 0.0, 0.0);
+    for page in &manifest.pages {
+        let n = page.covered_texels as f64;
+        light += n * page.mean_luminance;
+        if let Some(a) = &page.audit {
+            off += n * a.bias;
+            variance += (n * a.bias_std_err).powi(2);
+        }
+    }
+    if audited && 0.0 < light {
+        let (off, error) = (100.0 * off / light, 100.0 * variance.sqrt() / light);
+        text += &format!("; the irradiance cache changes the mean by {off:+.2} +- {error:.2} %");
+    }
+    out.push(("error", text));
+    if let Some(b) = &manifest.bias {
+        let rms = if 2.0 * b.rms_std_err < b.rms {
+            format!("{} root mean square beyond noise", percent(b.rms))
+        } else {
+            format!("less than {} root mean square beyond noise", percent(b.rms.max(2.0 * b.rms_std_err)))
+        };
+        let text = format!(
+            "{:+.2} +- {:.2} % of the mean, {rms}, at {} texels gathered without approximations",
+            100.0 * b.mean,
+            100.0 * b.mean_std_err,
+            b.texels
+        );
+        out.push(("bias", text));
+    }
+    if let Some(more) = halving.more() {
+        let half = 0.5 * relative;
+        out.push(("next", format!("--target-error {half:.3} would take about {} more", say::duration(more))));
+    }
+    out
+}
+
+/// Seconds of stages by the clock, the longest first; those that take less than a hundredth are left out.
+fn stages(timings: &Timings) -> String {
+    let mut list: Vec<_> =
+        timings.stages.iter().filter(|s| 0.01 * timings.wall_seconds <= s.wall_seconds).collect();
+    list.sort_by(|a, b| b.wall_seconds.total_cmp(&a.wall_seconds));
+    let each = |s: &&tables::format::manifest::Stage| format!("{} {}", s.name, say::duration(s.wall_seconds));
+    list.iter().map(each).collect::<Vec<_>>().join(", ")
+}
+
 /// A bake under way.
 struct Job<'a> {
     plan: &'a Plan,
@@ -151,6 +248,8 @@ struct Job<'a> {
     style: Style,
     interrupt: &'a Interrupt,
     strict: bool,
+    /// Texels that are gathered again without approximations.
+    audit: u32,
     /// Of pictures, if it was given.
     exposure: Option<f32>,
     watch: Stopwatch,
@@ -171,6 +270,8 @@ struct Baked {
     sky_clamped: u64,
     probes: Vec<tables::format::manifest::Probes>,
     seams: stitch::Figures,
+    bias: Bias,
+    halving: Halving,
 }
 
 impl Job<'_> {
@@ -187,6 +288,8 @@ impl Job<'_> {
             sky_clamped: 0,
             probes: Vec::new(),
             seams: stitch::Figures::default(),
+            bias: Bias::default(),
+            halving: Halving::default(),
         };
         self.style.stage("plan", &announce(self.plan, self.memory));
         let learnt = learn(self.plan);
@@ -254,7 +357,9 @@ impl Job<'_> {
                 };
                 task.solve(&settings.sampling, &baked.monitor)
             })?;
-            self.watch.lap("sample");
+            let seconds = self.watch.lap("sample");
+            baked.halving.add(seconds, &solution);
+            self.bias(&mut baked, &learnt, &map, number, &solution)?;
             let directions = self.directions(&kernel, &map, number, &mut solution, &baked.monitor)?;
             self.admit(&solution.gate)?;
             baked.gate = baked.gate.merge(solution.gate);
@@ -286,6 +391,38 @@ impl Job<'_> {
             self.interrupt.check()?;
         }
         Ok(baked)
+    }
+
+    /// Gathers some texels of a page again, without approximations, if that is asked for.
+    fn bias(
+        &mut self,
+        baked: &mut Baked,
+        learnt: &Learnt,
+        map: &TexelMap,
+        page: usize,
+        solution: &Solution,
+    ) -> Result<(), Error> {
+        if self.audit == 0 {
+            return Ok(());
+        }
+        let plan = self.plan;
+        let unbiased = learnt.guide(Kernel::new(plan.scene(), plan.tracing(), None, MediaMode::Reference));
+        let area = |p: &crate::geom::atlas::Page| f64::from(p.width) * f64::from(p.height);
+        let pages = &plan.atlas().pages;
+        let part = area(&pages[page]) / pages.iter().map(area).sum::<f64>();
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a part of a number of texels"
+        )]
+        let n = (f64::from(self.audit) * part).ceil() as usize;
+        let amount = (n, plan.settings().seed);
+        let found = say::watch(self.style, "unbiased texels", 0, &baked.monitor, self.interrupt, || {
+            Bias::of_page(&unbiased, map, page, amount, solution, &baked.monitor)
+        })?;
+        baked.bias = std::mem::take(&mut baked.bias).merge(found);
+        self.watch.lap("audit");
+        Ok(())
     }
 
     /// Gathers where light comes from if the plan wants it.

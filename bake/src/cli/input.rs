@@ -2,14 +2,14 @@
 
 use crate::cli::args::{
     DenoiseArg, DirectArg, GridArgs, LightUnitsArg, MediaArg, OnOff, ProbeArgs, ProbesArg, QualityArg,
-    SceneArgs, SettingsArgs, TextureArg, UnwrapArg,
+    SceneArgs, SettingsArgs, TextureArg, TuningArgs, UnwrapArg,
 };
 use crate::cli::say;
 use crate::error::{Error, Finding};
 use crate::geom::atlas::{Engine, Unwrap};
 use crate::light::Direct;
 use crate::plan::settings::{Denoise, Fineness, Probes, Sampling, TextureFormat};
-use crate::plan::{MediaMode, Quality, Settings, Tracing};
+use crate::plan::{MediaMode, Quality, Settings, Tracing, Tuning};
 use crate::scene::config::{Config, RunConfig};
 use crate::scene::document::Document;
 use crate::scene::gltf::{self, LightUnits, LoadOptions};
@@ -22,7 +22,7 @@ use std::path::Path;
 use tables::probes::Basis;
 
 /// The scene that is baked where none is named.
-const HALL: &[u8] = include_bytes!("../../../data/hall.glb");
+pub(crate) const HALL: &[u8] = include_bytes!("../../../data/hall.glb");
 
 /// Everything read from files, with findings.
 pub(crate) struct Input {
@@ -80,7 +80,7 @@ pub(crate) fn load(args: &SceneArgs) -> Result<Input, Error> {
 
 /// Findings about run options that later versions will know.
 fn idle(run: &RunConfig) -> Vec<Finding> {
-    let words = [("audit", run.audit.is_some()), ("force", !run.force.is_empty())];
+    let words = [("force", !run.force.is_empty())];
     let given = words.into_iter().filter(|(_, given)| *given);
     given
         .map(|(word, _)| {
@@ -155,6 +155,17 @@ pub(crate) fn direct(arg: Option<DirectArg>, run: &RunConfig) -> Result<Direct, 
         #[cfg(feature = "comparison")]
         DirectArg::Splitting => Direct::Splitting,
     })
+}
+
+/// How lights and tables are looked up: by the command line, else as usual.
+pub(crate) fn tuning(args: &TuningArgs) -> Tuning {
+    let usual = Tuning::default();
+    Tuning {
+        light_samples: args.light_samples.unwrap_or(usual.light_samples),
+        light_threshold: args.light_threshold.unwrap_or(usual.light_threshold),
+        tables: args.tables.clone(),
+        zh_order: args.zh_order.map_or(usual.zh_order, |n| n as usize),
+    }
 }
 
 /// How fine the light grid is: by the command line, else by the preset.
@@ -316,6 +327,7 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
         media,
         light_grid: light_grid(args.grid, quality),
         direct: direct(args.direct, run)?,
+        tuning: tuning(&args.tuning),
         directional,
         probes,
         seed: args.seed.or(run.seed).unwrap_or(0),

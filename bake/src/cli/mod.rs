@@ -14,6 +14,7 @@ mod points;
 mod say;
 mod show_plan;
 mod stopwatch;
+mod study;
 
 use crate::error::Error;
 use args::{Args, Command};
@@ -35,6 +36,7 @@ pub fn main() -> ExitCode {
         Command::Check(a) => check::run(&a),
         Command::Points(a) => points::run(&a, &interrupt),
         Command::Compare(a) => compare::run(&a),
+        Command::Study(a) => study::run(&a, &interrupt),
         Command::Html(a) => html::run(&a),
         Command::Merge(_) => Err(Error::Usage(
             "`bake merge` is reserved: this version bakes on one machine without shards".to_owned(),

@@ -45,7 +45,8 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
         .map_err(|e| Error::Usage(format!("cannot start the threads: {e}")))?;
     let monitor = Monitor::default();
     let media = input::media(args.media, &input.run, &input.scene)?;
-    let tracing = Tracing::new(&input.scene, media, input::direct(args.direct, &input.run)?)?;
+    let direct = input::direct(args.direct, &input.run)?;
+    let tracing = Tracing::tuned(&input.scene, media, direct, &input::tuning(&args.tuning))?;
     let kernel = Kernel::new(&input.scene, &tracing, args.bounces.or(input.run.bounces), media);
     let seed = args.seed.or(input.run.seed).unwrap_or(0);
     let receivers: Vec<_> = points.iter().map(|&(p, n)| points::place(&kernel, p, n)).collect();

@@ -22,8 +22,8 @@ impl Stopwatch {
         self.begin
     }
 
-    /// Ends a stage; further laps of the same name add up.
-    pub(crate) fn lap(&mut self, name: &str) {
+    /// Ends a stage and says what it took by the clock, seconds; further laps of the same name add up.
+    pub(crate) fn lap(&mut self, name: &str) -> f64 {
         let now = (Instant::now(), cpu_seconds());
         let (wall, cpu) = ((now.0 - self.lap.0).as_secs_f64(), now.1 - self.lap.1);
         self.lap = now;
@@ -36,6 +36,7 @@ impl Stopwatch {
                 self.stages.push(Stage { name: name.to_owned(), wall_seconds: wall, cpu_seconds: cpu });
             }
         }
+        wall
     }
 
     /// Everything measured so far.
@@ -80,7 +81,8 @@ fn high_water_mark(status: &str) -> Option<u64> {
     kibibytes.checked_mul(1024)
 }
 
-fn cpu_model() -> String {
+/// Model of the processor; empty where that is unknown.
+pub(crate) fn cpu_model() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let line = info.lines().find(|l| l.starts_with("model name"));
     line.and_then(|l| l.split(':').nth(1)).map_or_else(String::new, |m| m.trim().to_owned())

@@ -107,10 +107,19 @@ pub enum Chosen {
     Emitter(usize),
 }
 
+/// How many of many lights texels ask at once. Measured on a hall with 5,000 lamps and 50,000 emissive triangles, direct light alone, noise in equal time against one: 2 gave 2 % more,
+/// 4 gave 4 % less, 8 gave 5 % more; without the worst hundredth of the texels 6, 17 and 15 % less.
+pub const SEVERAL: u32 = 4;
+
+/// Squared half diagonal over squared distance beyond which a node is opened.
+pub const THRESHOLD: f32 = Effort::ONE.near;
+
 /// Lights in a tree.
 #[derive(Clone, Debug)]
 pub struct ManyLights {
     how: How,
+    /// How far its nodes are opened.
+    effort: Effort,
     /// The light of each number in the tree, kind by kind.
     lights: Vec<Chosen>,
     /// Number in the tree of each emissive triangle; empty if they are not in it.
@@ -176,14 +185,20 @@ impl ManyLights {
                 How::Splitting(Box::new([Splitting::new(parts.0), Splitting::new(parts.1)]), first)
             }
         };
-        Some(Self { how, lights: order, emitter })
+        Some(Self { how, effort: Effort::ONE, lights: order, emitter })
+    }
+
+    /// The same with nodes opened beyond this [`THRESHOLD`].
+    #[must_use]
+    pub fn with_threshold(self, near: f32) -> Self {
+        Self { effort: Effort { near, ..self.effort }, ..self }
     }
 
     /// One light for a place, with its probability; `None` is the null light.
     #[must_use]
     pub fn one(&self, at: &Receiver, among: Among, fall_off: FallOff, u: f64) -> Option<(Chosen, f32)> {
         let pick = match &self.how {
-            How::Tree(tree) => cut(tree, at, among, fall_off).one(u),
+            How::Tree(tree) => self.cut(tree, at, among, fall_off).one(u),
             How::Published(both, first) => of_kind(among, u, *first, |kind, u| both[kind].one(at, u)),
             #[cfg(feature = "comparison")]
             #[expect(clippy::cast_possible_truncation, reason = "24 bits are enough")]
@@ -216,7 +231,7 @@ impl ManyLights {
             }
             return;
         };
-        let cut = cut(tree, at, among, FallOff::Square);
+        let cut = self.cut(tree, at, among, FallOff::Square);
         let mut visit = |pick: Pick| visit(self.lights[pick.light as usize], pick.alone, pick.chance);
         if n == 1 {
             cut.one(u).into_iter().for_each(visit);
@@ -230,7 +245,7 @@ impl ManyLights {
     pub fn probability(&self, at: &Receiver, emitter: usize) -> f32 {
         let Some(&number) = self.emitter.get(emitter) else { return 0.0 };
         match &self.how {
-            How::Tree(tree) => cut(tree, at, Among::Emitters, FallOff::Square).probability(number),
+            How::Tree(tree) => self.cut(tree, at, Among::Emitters, FallOff::Square).probability(number),
             How::Published(both, first) => both[1].probability(at, number - first),
             #[cfg(feature = "comparison")]
             How::Intensity(both, first) => both[1].probability(number - first),
@@ -254,6 +269,11 @@ impl ManyLights {
         }
     }
 
+    /// The cut for one light or a few.
+    fn cut<'a>(&self, tree: &'a LightTree, at: &Receiver, among: Among, fall_off: FallOff) -> Cut<'a, FEW> {
+        tree.cut(*at, among.groups(), fall_off, self.effort)
+    }
+
     /// Bytes that it takes.
     #[must_use]
     pub fn bytes(&self) -> usize {
@@ -275,11 +295,6 @@ impl ManyLights {
     pub fn is_empty(&self) -> bool {
         self.lights.is_empty()
     }
-}
-
-/// The cut for one light or a few.
-fn cut<'a>(tree: &'a LightTree, at: &Receiver, among: Among, fall_off: FallOff) -> Cut<'a, FEW> {
-    tree.cut(*at, among.groups(), fall_off, Effort::ONE)
 }
 
 /// Chooses one kind by a coin, where both are asked, then by `one`. Numbers of emissive triangles start at `first`.

@@ -38,6 +38,8 @@ pub struct Lights {
     pub emitters_by: Selection,
     /// The tree of those that are many.
     pub many: Option<ManyLights>,
+    /// How many of many texels ask at once.
+    pub asked_at_once: usize,
 }
 
 impl Lights {
@@ -45,6 +47,14 @@ impl Lights {
     #[must_use]
     pub fn has_small(&self) -> bool {
         !(self.suns.is_empty() && self.punctual.is_empty())
+    }
+
+    /// The same with so many of many lights asked at once, from a tree whose nodes are opened beyond this
+    /// [`many::THRESHOLD`].
+    #[must_use]
+    pub fn tuned(self, asked_at_once: u32, threshold: f32) -> Self {
+        let many = self.many.map(|m| m.with_threshold(threshold));
+        Self { many, asked_at_once: asked_at_once as usize, ..self }
     }
 
     /// Bytes that lamps, emissive triangles and their tree take, about.
@@ -104,6 +114,7 @@ impl Lights {
             (emitters_by == Selection::Tree).then_some(&emitters),
         );
         let sky = SkyLight::new(&scene.sky);
-        Self { punctual, suns, emitters, sky, lamps_by, emitters_by, many }
+        let asked_at_once = many::SEVERAL as usize;
+        Self { punctual, suns, emitters, sky, lamps_by, emitters_by, many, asked_at_once }
     }
 }

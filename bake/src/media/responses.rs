@@ -8,8 +8,9 @@ use super::{Crossing, Media};
 use crate::error::Error;
 use crate::scene::model::Rgb;
 use glam::{Vec3, Vec3A};
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
-use tables::table::file::Emitter;
+use tables::table::file::{Emitter, Part};
 use tables::table::{Combined, CombinedPatch, Orders, Range, Tables};
 
 /// Mean cosines beyond this either way are taken as this: the tables end there.
@@ -35,12 +36,15 @@ pub struct Responses {
 }
 
 impl Responses {
-    /// Adds up the embedded tables for `media`, in a scene whose points lie within `radius` metres; `None` if nothing scatters.
+    /// Adds up tables for `media`, in a scene whose points lie within `radius` metres; `None` if nothing scatters. The tables are those
+    /// of `file`, else the embedded ones; of their bands the first `order` count.
+    ///
+    /// A file that lacks the sum of all orders, as that of \[IR19\] does, gives the first ten.
     ///
     /// # Errors
     ///
-    /// If the embedded file lacks a table.
-    pub fn new(media: &Media, radius: f32) -> Result<Option<Self>, Error> {
+    /// If the file cannot be read or lacks a table.
+    pub fn new(media: &Media, radius: f32, file: Option<&Path>, order: usize) -> Result<Option<Self>, Error> {
         let scattering = || media.bodies.iter().filter(|b| b.sigma_s != Vec3::ZERO);
         if scattering().next().is_none() {
             return Ok(None);
@@ -58,14 +62,27 @@ impl Responses {
         let albedo = range(&mut albedos.into_iter());
         let thinnest =
             scattering().map(|b| (b.sigma_s + b.sigma_a).max_element()).fold(f32::INFINITY, f32::min);
-        let unreadable = |e: &dyn std::fmt::Display| Error::Usage(format!("the embedded tables: {e}"));
-        let tables = Tables::embedded().map_err(|e| unreadable(&e))?;
-        let combined =
-            |emitter, orders| Combined::new(&tables, emitter, orders, g, albedo).map_err(|e| unreadable(&e));
+        let name = file.map_or_else(|| "the embedded tables".to_owned(), |f| f.display().to_string());
+        let unreadable = |e: &dyn std::fmt::Display| Error::Usage(format!("{name}: {e}"));
+        let tables = match file {
+            None => Tables::embedded().map_err(|e| unreadable(&e))?,
+            Some(path) => {
+                let bytes = std::fs::read(path).map_err(Error::io(path, "cannot read"))?;
+                Tables::from_bytes(bytes).map_err(|e| unreadable(&e))?
+            }
+        };
+        let ten = Orders::Span(1, 10);
+        let has_all = |emitter| tables.block(emitter, Part::Rest).is_some();
+        let of = |emitter| if has_all(emitter) { Orders::All } else { ten };
+        let combined = |emitter, orders| {
+            let all = Combined::new(&tables, emitter, orders, g, albedo).map_err(|e| unreadable(&e));
+            all.map(|c| c.truncated(order))
+        };
+        let patch = CombinedPatch::new(&tables, of(Emitter::Area), g, albedo).map_err(|e| unreadable(&e))?;
         Ok(Some(Self {
-            lamp: combined(Emitter::Point, Orders::All)?,
-            sun: combined(Emitter::Directional, Orders::Span(1, 10))?,
-            patch: CombinedPatch::new(&tables, Orders::All, g, albedo).map_err(|e| unreadable(&e))?,
+            lamp: combined(Emitter::Point, of(Emitter::Point))?,
+            sun: combined(Emitter::Directional, ten)?,
+            patch: patch.truncated(order),
             grey: media.bodies.iter().all(|b| is_grey(b.sigma_s) && is_grey(b.sigma_a)),
             reach: (MEAN_FREE_PATHS / thinnest).min(2.0 * radius),
             clamped: AtomicU64::new(0),

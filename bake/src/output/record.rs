@@ -107,6 +107,19 @@ pub fn manifest(plan: &Plan, inputs: &[InputFile], pages: &[PageFigures], gate: 
     m
 }
 
+/// What the manifest says of texels that were gathered without approximations.
+#[must_use]
+pub fn bias(f: crate::solve::bias::Figures) -> manifest::Bias {
+    manifest::Bias {
+        texels: f.texels as u64,
+        mean: f.mean,
+        mean_std_err: f.mean_std_err,
+        rms: f.rms,
+        rms_std_err: f.rms_std_err,
+        noise: f.noise,
+    }
+}
+
 /// What the manifest says of the camera of a picture.
 #[must_use]
 pub fn camera(camera: &Camera) -> manifest::Camera {

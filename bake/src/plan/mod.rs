@@ -19,7 +19,7 @@ use crate::scene::document::Document;
 use crate::scene::model::Scene;
 pub use effects::Effect;
 pub use memory::Memory;
-pub use settings::{MediaMode, Quality, Settings};
+pub use settings::{MediaMode, Quality, Settings, Tuning};
 
 /// A scene that is ready to be solved.
 #[derive(Debug)]
@@ -54,15 +54,26 @@ impl Tracing {
     ///
     /// If the tree cannot be built.
     pub fn new(scene: &Scene, mode: MediaMode, direct: Direct) -> Result<Self, Error> {
+        Self::tuned(scene, mode, direct, &Tuning::default())
+    }
+
+    /// The same with other look-ups than the usual ones.
+    ///
+    /// # Errors
+    ///
+    /// If the tree cannot be built or a file of tables does not suit.
+    pub fn tuned(scene: &Scene, mode: MediaMode, direct: Direct, tuning: &Tuning) -> Result<Self, Error> {
         let world = World::new(scene);
         let bvh = Bvh::build(&world, |t| {
             let surface = world.surface(t);
             scene.surfaces[surface].casts_shadow.then(|| opacity(scene, surface))
         })?;
-        let lights = Lights::new(scene, &world, direct);
+        let lights = Lights::new(scene, &world, direct).tuned(tuning.light_samples, tuning.light_threshold);
         let media = Media::new(scene, world.origin);
         let responses = match &media {
-            Some(media) if mode == MediaMode::Table => Responses::new(media, world.radius)?,
+            Some(media) if mode == MediaMode::Table => {
+                Responses::new(media, world.radius, tuning.tables.as_deref(), tuning.zh_order)?
+            }
             _ => None,
         };
         Ok(Self { world, bvh, lights, media, responses })
@@ -103,7 +114,7 @@ pub fn make(
         )
         .into());
     }
-    let tracing = Tracing::new(&scene, settings.media, settings.direct)?;
+    let tracing = Tracing::tuned(&scene, settings.media, settings.direct, &settings.tuning)?;
     let seams = if settings.seams { Seams::find(&scene, &tracing.world, &atlas) } else { Seams::default() };
     Ok(Plan { scene, tracing, atlas, seams, settings, findings })
 }

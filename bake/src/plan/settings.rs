@@ -2,8 +2,11 @@
 
 use crate::geom::atlas::{AtlasOptions, Density, Engine, Unwrap};
 use crate::light::Direct;
+use crate::light::many::{SEVERAL, THRESHOLD};
 use crate::media::Media;
 use serde_json::{Map, Value, json};
+use std::path::PathBuf;
+use tables::harmonics::BANDS;
 use tables::probes::Basis;
 
 /// Presets of density and samples.
@@ -109,6 +112,25 @@ pub struct Probes {
     pub spacing: Option<f32>,
     /// Paths from each.
     pub samples: u32,
+}
+
+/// Look-ups of lights and tables, which hardly anybody has to change.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tuning {
+    /// How many of many lights a texel asks at once.
+    pub light_samples: u32,
+    /// Squared half diagonal over squared distance beyond which a node of lights is opened.
+    pub light_threshold: f32,
+    /// File of response tables instead of the embedded ones.
+    pub tables: Option<PathBuf>,
+    /// Bands of zonal harmonics that responses have, 1 to 11.
+    pub zh_order: usize,
+}
+
+impl Default for Tuning {
+    fn default() -> Self {
+        Self { light_samples: SEVERAL, light_threshold: THRESHOLD, tables: None, zh_order: BANDS }
+    }
 }
 
 /// How many paths texels get.
@@ -228,6 +250,8 @@ pub struct Settings {
     pub light_grid: Fineness,
     /// How direct light is sampled.
     pub direct: Direct,
+    /// How lights and tables are looked up.
+    pub tuning: Tuning,
     /// Paths per texel for the direction of light; `None` where it is not asked for.
     pub directional: Option<u32>,
     /// Light probes; `None` for none.
@@ -317,7 +341,11 @@ impl Settings {
             ("unwrap_engine", json!(engine)),
             ("irradiance_cache", json!(self.caches())),
             ("direct", json!(self.direct.name())),
+            ("light_samples", json!(self.tuning.light_samples)),
+            ("light_threshold", json!(self.tuning.light_threshold)),
             ("media", json!(self.media.name())),
+            ("tables", json!(self.tuning.tables)),
+            ("zh_order", json!(self.tuning.zh_order)),
             ("grid_nodes", json!(self.light_grid().map(|f| f.nodes))),
             ("grid_paths", json!(self.light_grid().map(|f| f.paths))),
             ("grid_orders", json!(self.light_grid().and_then(|f| f.orders))),

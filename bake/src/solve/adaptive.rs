@@ -144,11 +144,21 @@ pub fn predicted(map: &TexelMap, texels: &[Texel]) -> f64 {
 /// luminance, nits.
 #[must_use]
 pub fn error(solution: &Solution) -> (f64, f64) {
+    scaled_error(solution, |t| solution.factor(t))
+}
+
+/// The same as the samples say it, nits, whatever an audit makes of it.
+#[must_use]
+pub fn own_error(solution: &Solution) -> f64 {
+    scaled_error(solution, |_| 1.0).0
+}
+
+fn scaled_error(solution: &Solution, factor: impl Fn(&Texel) -> f64) -> (f64, f64) {
     let valid = || solution.texels.iter().filter(|t| t.validity != Validity::Hidden);
     let n = (valid().count() as f64).max(1.0);
     let mut sums = (0.0, 0.0);
     for t in valid() {
-        sums.0 += (solution.factor(t) * f64::from(luminance(t.std_err()))).powi(2);
+        sums.0 += (factor(t) * f64::from(luminance(t.std_err()))).powi(2);
         sums.1 += f64::from(luminance(t.value()));
     }
     ((sums.0 / n).sqrt(), sums.1 / n)

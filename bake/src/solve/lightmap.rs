@@ -173,6 +173,8 @@ pub struct Solution {
     pub cost: Cost,
     /// What an audit said of the stated errors.
     pub audit: Option<Audit>,
+    /// After each round what had been spent, and the error then as the samples say it, nits: see [`Solution::spent`].
+    pub curve: Vec<(f64, f64)>,
 }
 
 /// What samples cost, by rays: parts of what a path with its share of suns and lamps costs on average.
@@ -303,7 +305,8 @@ pub fn bake_page(
         return Err(Error::Interrupted);
     }
     let tally = tallies.into_iter().fold(Tally::default(), Tally::merge);
-    Ok(Solution { texels, gate: tally.gate, rounds: Vec::new(), cost: Cost::new(tally.counted), audit: None })
+    let cost = Cost::new(tally.counted);
+    Ok(Solution { texels, gate: tally.gate, cost, ..Solution::default() })
 }
 
 /// What happened in some texels.
@@ -531,9 +534,20 @@ pub(super) fn again(
     known: &Texel,
     times: u32,
 ) -> (Texel, u64) {
+    let samples = [known.small.samples * times, known.paths.samples * times];
+    with_samples(kernel, sampler, (page, texel, seed), known, samples)
+}
+
+/// The same texel from so many samples of suns and lamps and so many paths with other random numbers, and the rays that took.
+pub(super) fn with_samples(
+    kernel: &Kernel<'_>,
+    sampler: &TexelSampler,
+    (page, texel, seed): (usize, u32, u64),
+    known: &Texel,
+    samples: [u32; 2],
+) -> (Texel, u64) {
     let id = Id { page, texel, seed: sequence::mix64(seed ^ AUDIT) };
     let at = Place { kernel, sampler, id, side: known.side, cells: known.cells, open: known.open };
-    let samples = [known.small.samples * times, known.paths.samples * times];
     let mut tally = Tally::default();
     let again = all(&at, samples, &mut Vec::new(), &mut tally);
     (again, tally.rays())

@@ -3,6 +3,7 @@
 pub mod accumulate;
 pub mod adaptive;
 pub mod audit;
+pub mod bias;
 pub mod cache;
 pub mod directional;
 pub mod facing;

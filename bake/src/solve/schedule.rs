@@ -105,7 +105,11 @@ impl Task<'_> {
 
     fn first(&self, samples: u32, small: u32, monitor: &Monitor) -> Result<Solution, Error> {
         let effort = Effort { samples, small, ..self.effort };
-        lightmap::bake_page(self.kernel, self.atlas, self.map, self.page, effort, self.turned, monitor)
+        let (atlas, map) = (self.atlas, self.map);
+        let mut solution =
+            lightmap::bake_page(self.kernel, atlas, map, self.page, effort, self.turned, monitor)?;
+        solution.curve.push((solution.spent(), adaptive::own_error(&solution)));
+        Ok(solution)
     }
 
     fn rounds(&self, means: &[f32], monitor: &Monitor) -> Result<Solution, Error> {
@@ -137,6 +141,7 @@ impl Task<'_> {
             )?;
         }
         let (error, luminance) = adaptive::error(solution);
+        solution.curve.push((solution.spent(), adaptive::own_error(solution)));
         let n = solution.texels.len() as f64;
         monitor.show_error(ErrorSums { squared_error: error * error * n, luminance: luminance * n, n });
         Ok(round.total)

@@ -42,6 +42,12 @@ pub(super) struct BuildArgs {
 pub(super) enum PresetArg {
     /// The embedded file: every g from -0.9 to 0.9, infinitely many orders at any albedo
     Default,
+    /// About half as many nodes along every axis
+    Half,
+    /// About a quarter as many
+    Quarter,
+    /// The default with three columns of g, linear between them
+    Columns,
     /// 256 distances, 8 angles, three columns of g, 10 orders, linear interpolation, as published in 2019
     Paper,
 }

@@ -4,13 +4,16 @@
 
 use super::args::{BuildArgs, PresetArg};
 use super::{Error, write};
-use crate::table::build::{DEFAULT, PAPER, build};
+use crate::table::build::{COLUMNS, DEFAULT, HALVED, PAPER, QUARTERED, build};
 use std::process::ExitCode;
 use std::time::Instant;
 
 pub(super) fn run(args: &BuildArgs) -> Result<ExitCode, Error> {
     let preset = match args.preset {
         PresetArg::Default => DEFAULT,
+        PresetArg::Half => HALVED,
+        PresetArg::Quarter => QUARTERED,
+        PresetArg::Columns => COLUMNS,
         PresetArg::Paper => PAPER,
     };
     // Not after minutes of work.

@@ -92,6 +92,9 @@ pub struct Manifest {
     pub samples: Samples,
     /// Error figure of the whole bake, before denoising.
     pub error: ErrorFigure,
+    /// What more samples would not help against, where some texels were gathered without approximations.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bias: Option<Bias>,
     /// What denoising did, where lightmaps were denoised.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub denoised: Option<Denoised>,
@@ -224,6 +227,24 @@ pub struct Audit {
     pub bias: f64,
     /// Standard error of `bias`, nits.
     pub bias_std_err: f64,
+}
+
+/// The map before denoising against some of its texels gathered by unbiased paths: media, cache and limits of reflections approximate nothing
+/// there. Luminances as parts of the mean of these texels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Bias {
+    /// Texels that were gathered.
+    pub texels: u64,
+    /// Mean difference of the map from them.
+    pub mean: f64,
+    /// Its standard error.
+    pub mean_std_err: f64,
+    /// Root mean squared difference without the noise of both.
+    pub rms: f64,
+    /// About its standard error.
+    pub rms_std_err: f64,
+    /// Root mean square of the noise of both.
+    pub noise: f64,
 }
 
 /// Standard errors over covered texels, before denoising.
@@ -685,6 +706,7 @@ impl Manifest {
             findings: Vec::new(),
             samples: Samples::default(),
             error: ErrorFigure::default(),
+            bias: None,
             denoised: None,
             counts: Counts::default(),
             exposure: None,

@@ -100,8 +100,54 @@ pub const PAPER: Preset = {
     }
 };
 
+/// About half as many nodes along every axis as the default has: what the others bring.
+pub const HALVED: Preset = Preset {
+    name: "half",
+    distance: distances(LAST, 30),
+    g: Axis::G { to: 0.9, n: 10 },
+    g_of_orders: true,
+    g_of_rest: Axis::G { to: 0.9, n: 10 },
+    far: Some(distances(1e3, 30)),
+    albedos: 14,
+    few_albedos: 8,
+    patch_distance: distances(LAST, 17),
+    angle: Axis::Angle { per_side: 8 },
+    patch_g: Axis::G { to: 0.9, n: 8 },
+    form: Form::Full,
+    few_distance: distances(LAST, 13),
+    few_far: distances(1e3, 16),
+    few_angle: Axis::Angle { per_side: 6 },
+    far_angle: Axis::Angle { per_side: 5 },
+};
+
+/// About a quarter as many.
+pub const QUARTERED: Preset = Preset {
+    name: "quarter",
+    distance: distances(LAST, 15),
+    g: Axis::G { to: 0.9, n: 6 },
+    g_of_orders: true,
+    g_of_rest: Axis::G { to: 0.9, n: 6 },
+    far: Some(distances(1e3, 15)),
+    albedos: 8,
+    few_albedos: 5,
+    patch_distance: distances(LAST, 9),
+    angle: Axis::Angle { per_side: 5 },
+    patch_g: Axis::G { to: 0.9, n: 5 },
+    form: Form::Full,
+    few_distance: distances(LAST, 8),
+    few_far: distances(1e3, 9),
+    few_angle: Axis::Angle { per_side: 4 },
+    far_angle: Axis::Angle { per_side: 4 },
+};
+
+/// As the default with the three columns of \[IR19\] for g, linear between them and at their end beyond: what the whole axis brings.
+pub const COLUMNS: Preset = {
+    let g = Axis::Columns { to: 0.5, n: 3 };
+    Preset { name: "columns", g, g_of_rest: g, patch_g: g, ..DEFAULT }
+};
+
 /// Presets by name.
-pub const PRESETS: [Preset; 2] = [DEFAULT, PAPER];
+pub const PRESETS: [Preset; 5] = [DEFAULT, HALVED, QUARTERED, COLUMNS, PAPER];
 
 /// Builds all tables; `report` is told what comes next.
 #[must_use]

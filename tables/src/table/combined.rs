@@ -159,6 +159,15 @@ impl<const LANES: usize> Grid<LANES> {
         Ok(out)
     }
 
+    /// The same with those of the emitter's own numbers left out that `which` names.
+    fn without(mut self, which: impl Fn(usize) -> bool) -> Self {
+        for entry in &mut self.entries {
+            let own = entry[OWN..].iter_mut().enumerate();
+            own.filter(|(k, _)| which(*k)).for_each(|(_, v)| *v = 0.0);
+        }
+        self
+    }
+
     /// Entries over distance.
     #[expect(clippy::cast_possible_truncation, reason = "single precision is what is asked for")]
     fn column(
@@ -251,6 +260,12 @@ impl Combined {
             }
         };
         Grid::new(tables, emitter, orders, g, albedo, ratios).map(Self)
+    }
+
+    /// The same with coefficients of the first `order` bands alone, at least one.
+    #[must_use]
+    pub fn truncated(self, order: usize) -> Self {
+        Self(self.0.without(|own| order <= own + 1))
     }
 
     /// Zonal coefficients about the way to the emitter for an optical depth (mean free paths), g and albedo.
@@ -347,6 +362,12 @@ impl CombinedPatch {
             }
         };
         Grid::new(tables, Emitter::Area, orders, g, albedo, own).map(Self)
+    }
+
+    /// The same with coefficients of the first `order` bands alone, at least one.
+    #[must_use]
+    pub fn truncated(self, order: usize) -> Self {
+        Self(self.0.without(|own| PLACES.get(own).is_some_and(|(l, _)| order <= *l)))
     }
 
     /// Irradiance for an optical depth (mean free paths), g, albedo, the cosine between the patch's normal and the way to the

@@ -1,0 +1,204 @@
+//! Errors and times that were asked for, measured: slow, and so only with `RUN_SLOW_TESTS=1`.
+
+#![expect(clippy::unwrap_used, reason = "a test may panic")]
+#![expect(clippy::print_stdout, reason = "figures that are reported")]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+use suite::baked::Baked;
+use suite::scenes::closed::{Room, room};
+use suite::scenes::{hall, open};
+use suite::tool;
+
+/// The error that is asked for, as a part of the mean.
+const TARGET: f64 = 0.02;
+
+/// What may come of it, as parts of the target.
+const BOUNDS: [f64; 2] = [0.5, 1.1];
+
+/// Error that references are asked for; their own noise does not count.
+const REFERENCE: &str = "0.012";
+
+const HAZE: &str = r#"
+sky = 0.4
+[[lamps]]
+name = "sun"
+type = "directional"
+direction = [-0.35, -1, -0.25]
+illuminance = 10
+[[media]]
+sigma_s = 0.02
+box = { min = [-26.9, 2.2, -16.5], max = [24.3, 23.7, 15] }
+"#;
+
+const MIST: &str = r#"
+[[media]]
+sigma_s = 0.15
+g = 0.3
+box = { min = [-2, 0, -1.5], max = [2, 3, 1.5] }
+"#;
+
+const FOG: &str = r#"
+[[media]]
+sigma_s = [0.1, 0.12, 0.15]
+sigma_a = 0.02
+g = 0.5
+box = { min = [-6, 0, -6], max = [6, 4, 6] }
+"#;
+
+/// A scene and how it is baked.
+struct Case {
+    name: &'static str,
+    scene: PathBuf,
+    args: Vec<String>,
+}
+
+fn words(list: &[&str]) -> Vec<String> {
+    list.iter().map(|w| (*w).to_owned()).collect()
+}
+
+/// Three generated scenes, and three of others where they are there.
+fn cases(folder: &Path, test: &str) -> Vec<Case> {
+    let config = |name: &str, text: &str| {
+        let path = folder.join(name);
+        fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let (haze, mist, fog) = (config("haze.toml", HAZE), config("mist.toml", MIST), config("fog.toml", FOG));
+    let mut cases = Vec::new();
+    for (name, bytes, args) in [
+        ("room in mist", room(Room::default()), words(&["--texels-per-metre", "10", "--config", &mist])),
+        ("wall in fog", open::wall_outdoors(), words(&["--texels-per-metre", "6", "--config", &fog])),
+        ("hall in haze", hall::hall(), words(&["--texels-per-metre", "2"])),
+    ] {
+        let scene = folder.join(format!("{}.glb", name.replace(' ', "-")));
+        fs::write(&scene, bytes).unwrap();
+        cases.push(Case { name, scene, args });
+    }
+    let Some(shared) = suite::shared(test) else { return cases };
+    for (name, file, args) in [
+        ("Sponza in haze", "sponza-crytek-amd/Sponza.gltf", words(&["--max-size", "160", "--config", &haze])),
+        ("staircase", "bitterli-staircase/staircase.glb", words(&["--max-size", "96"])),
+        ("Cornell box", "cornell-fazil/cornell-box.glb", words(&["--max-size", "96"])),
+    ] {
+        cases.push(Case { name, scene: shared.join("scenes").join(file), args });
+    }
+    cases
+}
+
+fn bake(case: &Case, out: &str, folder: &Path, args: &[&str]) -> Baked {
+    let own: Vec<&str> = case.args.iter().map(String::as_str).collect();
+    let fixed = ["run", case.scene.to_str().unwrap(), "-o", out, "--progress", "none", "--probes", "off"];
+    let _ = tool::bake(&[&fixed[..], &["--texture", "none"], &own, args].concat(), folder).expect(0);
+    Baked::read(&folder.join(out)).unwrap()
+}
+
+/// Luminance and its standard error of covered texels.
+fn texels(baked: &Baked) -> Vec<[f64; 2]> {
+    let of = |page: &suite::baked::Page, prefix: &str, i: usize| {
+        let weights = [("R", 0.2126), ("G", 0.7152), ("B", 0.0722)];
+        weights.iter().map(|(c, w)| w * f64::from(page.channels[&format!("{prefix}{c}")][i])).sum::<f64>()
+    };
+    let page = |p| {
+        let page: &suite::baked::Page = p;
+        let covered = (0..page.channels["A"].len()).filter(|&i| 0.0 < page.channels["A"][i]);
+        covered.map(|i| [of(page, "", i), of(page, "stderr.", i)]).collect::<Vec<_>>()
+    };
+    baked.pages.iter().flat_map(page).collect()
+}
+
+/// `--target-error 0.02` on six scenes, four of them with media: the error that is measured against unbiased bakes lies between
+/// half the target and a tenth more than it.
+#[test]
+fn errors_that_are_asked_for_are_those_that_are_measured() {
+    if !suite::slow() {
+        return println!("skipped: RUN_SLOW_TESTS is not set");
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let target = TARGET.to_string();
+    let (mut missed, mut table, mut n_cases) = (Vec::new(), String::new(), 0);
+    for case in cases(dir.path(), "target") {
+        let reference = |seed| {
+            let args = [
+                "--media",
+                "reference",
+                "--irradiance-cache",
+                "off",
+                "--target-error",
+                REFERENCE,
+                "--seed",
+                seed,
+            ];
+            texels(&bake(&case, "reference", dir.path(), &args))
+        };
+        let (a, b) = (reference("1001"), reference("1002"));
+        let n = a.len() as f64;
+        let mean = a.iter().zip(&b).map(|(a, b)| 0.5 * (a[0] + b[0])).sum::<f64>() / n;
+        let begin = Instant::now();
+        let baked = bake(&case, "out", dir.path(), &["--target-error", &target, "--seed", "3"]);
+        let seconds = begin.elapsed().as_secs_f64();
+        let x = texels(&baked);
+        assert_eq!(x.len(), a.len(), "{}", case.name);
+        // What the references are off by is independent, so it does not count.
+        let square: f64 = (0..x.len()).map(|i| (x[i][0] - a[i][0]) * (x[i][0] - b[i][0])).sum::<f64>() / n;
+        let measured = square.max(0.0).sqrt() / mean;
+        let stated = baked.manifest.error.relative.unwrap();
+        // Beyond the noise of the references, which texels are bright enough to tell.
+        let within = (0..x.len()).filter(|&i| {
+            let d = x[i][0] - 0.5 * (a[i][0] + b[i][0]);
+            let error = (x[i][1].powi(2) + 0.25 * (a[i][1].powi(2) + b[i][1].powi(2))).sqrt();
+            d.abs() <= 1.96 * error
+        });
+        let coverage = within.count() as f64 / n;
+        let row = format!(
+            "| {} | {} | {:.2} % | {:.2} % | {:.1} % | {seconds:.0} s |\n",
+            case.name,
+            x.len(),
+            100.0 * stated,
+            100.0 * measured,
+            100.0 * coverage
+        );
+        print!("{row}");
+        table += &row;
+        n_cases += 1;
+        if !(BOUNDS[0] * TARGET..=BOUNDS[1] * TARGET).contains(&measured) {
+            missed.push(format!("{}: {:.2} %", case.name, 100.0 * measured));
+        }
+    }
+    if n_cases == 6 && std::env::var_os("UPDATE_EXPECT").is_some() {
+        let head = "| scene | texels | stated | measured | 95 % intervals hold in | time |\n|---|---|---|---|---|---|\n";
+        let text = format!("`--target-error {target}` on {}:\n\n{head}{table}", tool::machine());
+        fs::write(suite::root().join("data/targets.md"), text).unwrap();
+    }
+    assert!(missed.is_empty(), "{missed:?}");
+}
+
+/// `--time-budget` against the clock, from the start of the command to its end.
+#[test]
+fn time_budgets_are_met_within_a_tenth() {
+    if !suite::slow() {
+        return println!("skipped: RUN_SLOW_TESTS is not set");
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let mut missed = Vec::new();
+    for case in cases(dir.path(), "budget") {
+        for budget in [20.0, 60.0] {
+            let begin = Instant::now();
+            let fixed = ["run", case.scene.to_str().unwrap(), "-o", "out", "--progress", "none"];
+            // As a user would: probes, textures and pictures included, at the density of the preset.
+            let own: Vec<&str> =
+                case.args.iter().map(String::as_str).filter(|a| a.ends_with(".toml")).collect();
+            let config: Vec<&str> = own.iter().flat_map(|c| ["--config", c]).collect();
+            let text = format!("{budget}s");
+            let args = [&fixed[..], &config, &["--quality", "draft", "--time-budget", &text]].concat();
+            let _ = tool::bake(&args, dir.path()).expect(0);
+            let took = begin.elapsed().as_secs_f64();
+            println!("{}: {took:.1} s of {budget}", case.name);
+            if !(0.9 * budget..=1.1 * budget).contains(&took) {
+                missed.push(format!("{}: {took:.1} s of {budget}", case.name));
+            }
+        }
+    }
+    assert!(missed.is_empty(), "{missed:?}");
+}
