@@ -123,7 +123,7 @@ fn sizes(group: &mut Group) {
     for (size, far) in [(1e-6, 0.0), (1e-3, 0.0), (1e5, 0.0), (1e7, 0.0), (16.0, 1e5), (1e3, -1e7)] {
         group.add(
             format!("a scene of {size:e} m, {far:e} m from the origin, against one of 1 m"),
-            0.04,
+            2e-3,
             move || {
                 let other = sized(size, Vec3::new(far, 0.0, -far));
                 let (a, b) = (ONE.node_means(), other.node_means());
@@ -222,7 +222,7 @@ fn edges(group: &mut Group) {
             },
         );
     }
-    group.add("points a few ulps above and below a floor", 1e-4, || {
+    group.add("points a few ulps above and below a floor", 1e-5, || {
         let scene = open::under_point(1.0, [1.0; 3]);
         let heights = [0.0, 1e-20, -1e-20, 1e-7, -1e-7];
         let at: Vec<_> = heights.iter().map(|y| [[0.25, *y, 0.0], [0.0, 1.0, 0.0]]).collect();
@@ -230,7 +230,7 @@ fn edges(group: &mut Group) {
         let want = (1.0f64 + 0.0625).powf(-1.5);
         got.iter().map(|p| off(p[0].x, want)).fold(0.0, f64::max)
     });
-    group.add("points on the edges and corners of a floor", 1e-4, || {
+    group.add("points on the edges and corners of a floor", 1e-5, || {
         let scene = open::under_point(1.0, [1.0; 3]);
         let places = [
             [2.0, 2.0],
@@ -252,7 +252,7 @@ fn edges(group: &mut Group) {
         let fault = got.iter().any(|p| !p[0].is_finite() || p[0].min_element() < 0.0);
         if fault { f64::INFINITY } else { got.iter().map(|p| p[0].x).fold(0.0, f64::max) }
     });
-    group.add("a corner of a closed cube, seen from texels that touch it", 5e-2, || {
+    group.add("texels that reach round the corners of a closed cube", 2e-3, || {
         mean_is(&bake(&closed::furnace(0.5, 1.0), &["--samples", "64", "--texels-per-metre", "31"]), 2.0)
     });
     group.add("a point among nothing but triangles without area", 1e-5, || {
