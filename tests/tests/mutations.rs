@@ -132,6 +132,8 @@ fn suite_passes(root: &Path, case: &str) -> (bool, String) {
         .args(["test", "--package", "suite", "--test", "stability", "hard_cases", "--", "--nocapture"])
         .current_dir(root)
         .env("CARGO_TARGET_DIR", target())
+        // Most of the time goes into building, not into the case.
+        .env("CARGO_PROFILE_DEV_OPT_LEVEL", "0")
         .env("STABILITY", case)
         .output()
         .expect("cargo can be started");

@@ -207,6 +207,9 @@ fn hard_cases_are_stable() {
         })
         .collect();
     assert!(faults.is_empty(), "{} of {} cases:\n{}", faults.len(), chosen.len(), faults.join("\n"));
+    if !part.is_empty() && !update {
+        return;
+    }
     let path = suite::root().join(FILE);
     if update {
         assert!(
