@@ -1,5 +1,6 @@
 //! Every argument of every command.
 
+use crate::solve::accumulate::Rejected;
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -225,9 +226,15 @@ pub(crate) struct RunArgs {
     /// map is off beside its noise
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1 << 24))]
     pub(crate) audit: Option<u32>,
-    /// Fail on the first sample that is not a number instead of counting it
+    /// Stop with an error at the first sample that is not a number instead of counting it
     #[arg(long)]
     pub(crate) strict: bool,
+    /// Take one sample of this bake alone and print it: what the message about samples that are not numbers asks for
+    ///
+    /// KIND is small (suns and lamps), path, direction or probe; PAGE is the volume of probes and TEXEL the probe there. Nothing is
+    /// written. Ends with 0 if the sample is finite, with 2 if not
+    #[arg(long, value_name = "PAGE:TEXEL:KIND:SAMPLE")]
+    pub(crate) replay: Option<Rejected>,
     /// Factor that pictures multiply light by before tone mapping, so that bakes can be looked at side by side;
     /// found from each picture if absent, and the manifest has that of preview.png
     #[arg(long, value_name = "X", value_parser = positive, allow_negative_numbers = true)]
@@ -307,6 +314,9 @@ pub(crate) struct PointsArgs {
     /// Seed of all random numbers
     #[arg(long, value_name = "N")]
     pub(crate) seed: Option<u64>,
+    /// Take one sample of a point alone and print it: what the message about samples that are not numbers asks for
+    #[arg(long, value_name = "0:POINT:point:SAMPLE")]
+    pub(crate) replay: Option<Rejected>,
     #[command(flatten)]
     pub(crate) work: WorkArgs,
 }

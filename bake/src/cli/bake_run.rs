@@ -2,9 +2,11 @@
 
 use crate::cli::args::RunArgs;
 use crate::cli::input::{self, Input};
+use crate::cli::prepare::{Stages, effort, kernel, learn, wanted_probes};
+use crate::cli::replay;
 use crate::cli::say::{self, Interrupt, Style};
 use crate::cli::stopwatch::Stopwatch;
-use crate::error::{Error, Finding};
+use crate::error::{Error, Finding, Severity};
 use crate::geom::texel::TexelMap;
 use crate::output::denoise::{self, DenoiseStats};
 use crate::output::folder::Staging;
@@ -12,22 +14,19 @@ use crate::output::page::{Page, PageStats};
 use crate::output::scene_glb::PageFile;
 use crate::output::stitch::{self, Sheet};
 use crate::output::{self, assemble, exr, preview, record, scene_glb, texture, view};
-use crate::plan::settings::{Denoise, MediaMode, Probes, Sampling};
+use crate::plan::settings::{Denoise, MediaMode, Sampling};
 use crate::plan::{self, Plan};
 use crate::scene::document::Document;
 use crate::scene::model::Camera;
 use crate::solve::accumulate::Gate;
 use crate::solve::bias::Bias;
-use crate::solve::cache::Cells;
 use crate::solve::directional::{self, Direction};
-use crate::solve::light_grid::{Gathering, all_light};
+use crate::solve::light_grid::all_light;
 use crate::solve::lightmap::Solution;
-use crate::solve::pilot::{self, Learnt};
-use crate::solve::probes::{Layout, Probing, Wanted, Where};
-use crate::solve::{Monitor, facing, lightmap, schedule};
-use crate::transport::cache::IrradianceCache;
-use crate::transport::light_grid::LightGrid;
-use crate::transport::{Kernel, Vertex};
+use crate::solve::pilot::Learnt;
+use crate::solve::probes::{Layout, Probing, Where};
+use crate::solve::{Monitor, facing, schedule};
+use crate::transport::Kernel;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -59,7 +58,8 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
     let strict = args.strict || input.run.strict.unwrap_or(false);
     let audit = args.audit.or(input.run.audit).unwrap_or(0);
     pool.install(|| {
-        let staging = Staging::begin(&folder)?;
+        // A replay writes nothing.
+        let staging = args.replay.is_none().then(|| Staging::begin(&folder)).transpose()?;
         watch.lap("load");
         style.stage("lights", &light_summary(&input));
         style.stage("unwrap", &format!("{} surfaces", input.scene.surfaces.len()));
@@ -70,6 +70,11 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
         watch.lap("unwrap");
         interrupt.check()?;
         check_spacing(&plan)?;
+        let (Some(staging), None) = (staging, args.replay) else {
+            let monitor = Monitor::default();
+            let stages = Stages { plan: &plan, style, interrupt, monitor: &monitor };
+            return args.replay.map_or(Ok(ExitCode::SUCCESS), |at| replay::run(stages, at));
+        };
         let memory = plan.memory(&input.document).peak();
         let exposure = args.exposure;
         let mut job =
@@ -276,13 +281,11 @@ struct Baked {
 
 impl Job<'_> {
     fn pages(&mut self) -> Result<Baked, Error> {
-        let atlas = self.plan.atlas();
-        let settings = self.plan.settings();
         let mut baked = Baked {
             pages: Vec::new(),
             figures: Vec::new(),
             gate: Gate::default(),
-            monitor: Monitor::default(),
+            monitor: Monitor::new(self.strict),
             light_grid: None,
             media: Vec::new(),
             sky_clamped: 0,
@@ -291,11 +294,27 @@ impl Job<'_> {
             bias: Bias::default(),
             halving: Halving::default(),
         };
+        match self.bake(&mut baked) {
+            Ok(()) => Ok(baked),
+            // The first bad sample stopped the work, and nobody else did.
+            Err(Error::Interrupted) if !self.interrupt.raised() => {
+                Err(baked.monitor.rejected().map_or(Error::Interrupted, |first| {
+                    let what = "was not finite or beyond 1e35, and --strict was asked for";
+                    replay::rejection(first, what, EXTREME).into()
+                }))
+            }
+            Err(e) => Err(e),
+        }
+    }
+
+    fn bake(&mut self, baked: &mut Baked) -> Result<(), Error> {
+        let atlas = self.plan.atlas();
+        let settings = self.plan.settings();
         self.style.stage("plan", &announce(self.plan, self.memory));
         let learnt = learn(self.plan);
         let kernel = learnt.guide(kernel(self.plan));
         self.watch.lap("pilot");
-        let grid = self.light_grid(&learnt.guide_texels(kernel), &baked.monitor)?;
+        let grid = self.stages(&baked.monitor).light_grid(&learnt.guide_texels(kernel))?;
         let kernel = Kernel { grid: grid.as_ref(), ..kernel };
         if let Some(grid) = &grid {
             let light = all_light(&kernel, grid, settings.seed);
@@ -310,7 +329,7 @@ impl Job<'_> {
         baked.sky_clamped = output::sky::write(self.staging, &self.plan.scene().sky)?;
         say_clamped(output::sky::FILE, baked.sky_clamped, "values", "lower the scale of the sky");
         self.watch.lap("media and sky");
-        let cache = self.cache(&kernel, &baked.monitor)?;
+        let cache = self.stages(&baked.monitor).cache(&kernel)?;
         // Whether no light at all reaches a side is a question to paths alone.
         let unbiased = kernel;
         let kernel = Kernel { cache: cache.as_ref(), emitters_apart: true, ..learnt.guide_texels(kernel) };
@@ -359,9 +378,9 @@ impl Job<'_> {
             })?;
             let seconds = self.watch.lap("sample");
             baked.halving.add(seconds, &solution);
-            self.bias(&mut baked, &learnt, &map, number, &solution)?;
+            self.bias(baked, &learnt, &map, number, &solution)?;
             let directions = self.directions(&kernel, &map, number, &mut solution, &baked.monitor)?;
-            self.admit(&solution.gate)?;
+            admit(&solution.gate);
             baked.gate = baked.gate.merge(solution.gate);
             let (total, min, max) = solution.paths();
             let mean = total as f64 / solution.texels.len().max(1) as f64;
@@ -386,11 +405,15 @@ impl Job<'_> {
             self.watch.lap("write");
             waiting.push(sheet);
             if !together || number + 1 == atlas.pages.len() {
-                self.finish(&mut baked, &mut waiting)?;
+                self.finish(baked, &mut waiting)?;
             }
             self.interrupt.check()?;
         }
-        Ok(baked)
+        Ok(())
+    }
+
+    fn stages<'b>(&'b self, monitor: &'b Monitor) -> Stages<'b> {
+        Stages { plan: self.plan, style: self.style, interrupt: self.interrupt, monitor }
     }
 
     /// Gathers some texels of a page again, without approximations, if that is asked for.
@@ -517,20 +540,6 @@ impl Job<'_> {
         now + left.mul_f64(area(&rest[0]) / all.max(1.0))
     }
 
-    /// Fills the light grid of media if the plan wants one.
-    fn light_grid(&self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<Option<LightGrid>, Error> {
-        let settings = self.plan.settings();
-        let fineness = settings.light_grid().filter(|_| kernel.media.is_some());
-        let gathering = fineness.and_then(|f| Gathering::new(kernel, f, settings.seed));
-        let Some(gathering) = gathering else { return Ok(None) };
-        let paths = gathering.paths();
-        let grid = say::watch(self.style, "light in media", paths, monitor, self.interrupt, || {
-            gathering.fill(kernel, monitor)
-        })?;
-        input::say_light_grid(&grid);
-        Ok(Some(grid))
-    }
-
     /// Gathers and writes light probes if the plan wants them.
     fn probes(
         &self,
@@ -554,50 +563,10 @@ impl Job<'_> {
             let (volume, figures) = say::watch(self.style, "probes", paths, monitor, self.interrupt, || {
                 probing.finish(kernel, monitor)
             })?;
-            if 0 < figures.rejected {
-                let what = format!(
-                    "{} samples were not finite or beyond 1e35 nits; they count as black",
-                    figures.rejected
-                );
-                self.complain(Finding::warning(format!("probes {number}"), what, EXTREME))?;
-            }
+            admit(&figures.gate);
             written.push(output::probes::write(self.staging, number, &volume, &figures, wanted.samples)?);
         }
         Ok(written)
-    }
-
-    /// Gathers the irradiance cache if the plan wants it.
-    fn cache(&self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<Option<IrradianceCache>, Error> {
-        if !self.plan.settings().caches() {
-            return Ok(None);
-        }
-        let cells = cells(self.plan, kernel);
-        say::watch(self.style, "irradiance cache", cells.paths(), monitor, self.interrupt, || {
-            cells.fill(kernel, monitor).map(Some)
-        })
-    }
-
-    /// Reports samples that were not finite; with `--strict` they end the bake.
-    fn admit(&self, gate: &Gate) -> Result<(), Error> {
-        let Some(first) = gate.first else { return Ok(()) };
-        let finding = Finding::warning(
-            format!("page {} texel {}", first.page, first.texel),
-            format!(
-                "{} samples were not finite or beyond 1e35 nits, the first is number {}; they count as black",
-                gate.rejected, first.sample
-            ),
-            EXTREME,
-        );
-        self.complain(finding)
-    }
-
-    /// Reports a finding; with `--strict` it ends the bake.
-    fn complain(&self, finding: Finding) -> Result<(), Error> {
-        if self.strict {
-            return Err(Finding { severity: crate::error::Severity::Error, ..finding }.into());
-        }
-        say::findings(&[finding], false);
-        Ok(())
     }
 
     /// Writes the scene and its picture, and says how and from where that was taken.
@@ -634,8 +603,18 @@ fn say_clamped(file: &str, clamped: u64, what: &str, fix: &str) {
     }
 }
 
+/// Reports samples that were not finite. With `--strict` the first of them has ended the bake before.
+fn admit(gate: &Gate) {
+    let Some(first) = gate.first else { return };
+    let what =
+        format!("was not finite or beyond 1e35, as {} samples in all; they count as black", gate.rejected);
+    let fix = format!("{EXTREME}, --strict makes this an error");
+    let finding = replay::rejection(first, &what, &fix);
+    say::findings(&[Finding { severity: Severity::Warning, ..finding }], false);
+}
+
 /// What helps against samples that are not finite.
-const EXTREME: &str = "look for lights or transforms with extreme values; --strict makes this an error";
+const EXTREME: &str = "look for lights or transforms with extreme values";
 
 /// What a time budget keeps for the preview picture, seconds; measured 0.5 to 1 on two cores.
 const PICTURE_SECONDS: f64 = 0.8;
@@ -650,18 +629,6 @@ const DENOISE_SECONDS: [f64; 2] = [3e-5, 1e-4];
 /// What a time budget keeps for a place on a seam, seconds; measured 30 microseconds of one processor in a
 /// build with little optimisation.
 const PLACE_SECONDS: f64 = 5e-5;
-
-/// How much a plan gathers in each texel.
-pub(crate) fn effort(plan: &Plan, samples: u32, seed: u64) -> lightmap::Effort {
-    lightmap::Effort { samples, small: samples, seed, texel_size: plan.atlas().texels_per_metre.recip() }
-}
-
-/// The places of the irradiance cache.
-pub(crate) fn cells(plan: &Plan, kernel: &Kernel<'_>) -> Cells {
-    let settings = plan.settings();
-    let texel_size = plan.atlas().texels_per_metre.recip();
-    Cells::find(kernel, &receivers(plan), texel_size, settings.samples, settings.seed)
-}
 
 /// Whether the distance of probes that is asked for suits the scene's size.
 ///
@@ -678,34 +645,6 @@ pub(crate) fn check_spacing(plan: &Plan) -> Result<(), Error> {
         }
     }
     Ok(())
-}
-
-/// The volumes of probes that a plan calls for.
-pub(crate) fn wanted_probes(plan: &Plan, settings: Probes) -> Vec<Wanted> {
-    let Probes { basis, about, spacing, samples } = settings;
-    let places = match &plan.scene().probe_boxes {
-        Some(boxes) => {
-            boxes.iter().map(|b| Where::Box { min: b.min, max: b.max, spacing: b.spacing }).collect()
-        }
-        None => vec![spacing.map_or(Where::Scene { about }, Where::Spaced)],
-    };
-    let seed = plan.settings().seed;
-    (0..).zip(places).map(|(number, place)| Wanted { place, basis, samples, seed, number }).collect()
-}
-
-fn receivers(plan: &Plan) -> Vec<Vertex> {
-    let placed = |s: usize| plan.atlas().placements[s].is_some();
-    pilot::receivers(&kernel(plan), placed, plan.settings().seed)
-}
-
-/// What a pilot learns of a plan's lights.
-pub(crate) fn learn(plan: &Plan) -> Learnt {
-    Learnt::new(&kernel(plan), &receivers(plan), plan.settings().seed)
-}
-
-/// The kernel that a plan calls for, before anything is learnt.
-pub(crate) fn kernel(plan: &Plan) -> Kernel<'_> {
-    Kernel::new(plan.scene(), plan.tracing(), plan.settings().bounces, plan.settings().media)
 }
 
 fn amount(sampling: &Sampling) -> String {

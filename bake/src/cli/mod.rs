@@ -11,6 +11,8 @@ mod compare;
 mod html;
 mod input;
 mod points;
+mod prepare;
+mod replay;
 mod say;
 mod show_plan;
 mod stopwatch;

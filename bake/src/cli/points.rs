@@ -4,10 +4,12 @@
 
 use crate::cli::args::{PointsArgs, SceneArgs};
 use crate::cli::input;
+use crate::cli::replay;
 use crate::cli::say::{self, Interrupt, Style};
-use crate::error::{Error, Finding};
+use crate::error::{Error, Finding, Severity};
 use crate::plan::{self, MediaMode, Quality, Tracing};
 use crate::solve::Monitor;
+use crate::solve::accumulate::Kind;
 use crate::solve::light_grid::Gathering;
 use crate::solve::pilot::Learnt;
 use crate::solve::points::{self, Until};
@@ -67,6 +69,15 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
         }
     };
     let kernel = Kernel { grid: grid.as_ref(), ..kernel };
+    if let Some(at) = args.replay {
+        let chosen = points.get(at.texel as usize).filter(|_| (at.page, at.kind) == (0, Kind::Point));
+        let Some(point) = chosen else {
+            let what = format!("--replay {at}: there is no such sample among {} points", points.len());
+            return Err(Error::Usage(what));
+        };
+        let again = || points::replay(&kernel, *point, at.texel as usize, until, seed, at.sample);
+        return Ok(replay::print(at, Some(&pool.install(again)), None));
+    }
     let total = match until {
         Until::Samples(n) => u64::from(n) * points.len() as u64,
         Until::Error { .. } => 0,
@@ -76,11 +87,13 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
     let (results, gate) = say::watch(style, "points", total, &monitor, interrupt, || {
         pool.install(|| points::gather(&kernel, &points, until, seed, &monitor))
     })?;
-    if 0 < gate.rejected {
-        say::line(&format!(
-            "warning: {} samples were not finite or beyond 1e35 and count as black",
+    if let Some(first) = gate.first {
+        let what = format!(
+            "was not finite or beyond 1e35, as {} samples in all; they count as black",
             gate.rejected
-        ));
+        );
+        let finding = replay::rejection(first, &what, "look for lights or transforms with extreme values");
+        say::findings(&[Finding { severity: Severity::Warning, ..finding }], false);
     }
     input::say_responses(&tracing);
     let mut missed = 0;

@@ -3,8 +3,9 @@
 #![expect(clippy::print_stdout, reason = "the plan is the command's result")]
 
 use crate::cli::args::PlanArgs;
-use crate::cli::bake_run::{cells, check_spacing, effort, kernel, learn, wanted_probes};
+use crate::cli::bake_run::check_spacing;
 use crate::cli::input;
+use crate::cli::prepare::{cells, effort, kernel, learn, wanted_probes};
 use crate::cli::say::{self, Interrupt, Style};
 use crate::error::Error;
 use crate::geom::texel::TexelMap;

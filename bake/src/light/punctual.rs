@@ -131,7 +131,8 @@ impl Punctual {
     }
 
     /// What arrives at `p` where nothing is in between; `None` outside the cone and the range, and at
-    /// the light itself, where the illuminance has no value.
+    /// the light itself, where the illuminance has no value. So near to it that no number holds the illuminance it is
+    /// infinite, for the gate to count.
     #[must_use]
     pub fn incident(&self, p: Vec3A) -> Option<Incident> {
         let d = self.position - p;
@@ -148,7 +149,7 @@ impl Punctual {
         }
         scale *= self.attenuation(wi);
         let illuminance = self.intensity * scale;
-        if illuminance == Vec3::ZERO || !illuminance.is_finite() {
+        if illuminance == Vec3::ZERO || illuminance.is_nan() {
             return None;
         }
         Some(Incident { wi, distance, illuminance })

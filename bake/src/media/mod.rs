@@ -378,8 +378,10 @@ impl Media {
 /// Henyey-Greenstein phase function, per steradian; `x` is the cosine between the directions of travel.
 #[inline]
 pub(crate) fn henyey_greenstein(g: f32, x: f32) -> f32 {
+    // Backward scattering is forward scattering turned around; there nothing cancels at the peak.
+    let (g, x) = if g < 0.0 { (-g, -x) } else { (g, x) };
     let d = (1.0 - g) * (1.0 - g) + 2.0 * g * (1.0 - x).max(0.0);
-    0.25 * FRAC_1_PI * (1.0 - g * g) / (d * d.sqrt())
+    0.25 * FRAC_1_PI * ((1.0 - g) * (1.0 + g)) / (d * d.sqrt())
 }
 
 /// Whether all channels are alike.

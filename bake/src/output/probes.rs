@@ -64,7 +64,7 @@ pub fn write(
         own: figures.own,
         windowed: figures.windowed,
         samples,
-        rejected_samples: figures.rejected,
+        rejected_samples: figures.gate.rejected,
         mean_luminance: figures.mean_luminance,
         error: ErrorFigure { rms_std_err: figures.rms_std_err, relative, max_std_err: figures.max_std_err },
         grid: grid(staging, &stem, volume)?,

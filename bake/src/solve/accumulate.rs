@@ -2,6 +2,8 @@
 
 use crate::scene::model::Rgb;
 use glam::{DVec3, Vec3};
+use std::fmt;
+use std::str::FromStr;
 
 /// Blocks into which samples are grouped for the standard error.
 ///
@@ -64,15 +66,78 @@ pub fn halves(samples: impl ExactSizeIterator<Item = f32> + Clone) -> f32 {
     }
 }
 
-/// Where a sample that is not finite came from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// What a sample gathers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Kind {
+    /// Light of a texel straight from suns and lamps.
+    Small,
+    /// All other light of a texel.
+    Path,
+    /// Where the light of a texel comes from.
+    Direction,
+    /// What arrives at a light probe.
+    Probe,
+    /// What arrives at a point.
+    Point,
+}
+
+impl Kind {
+    /// All kinds.
+    pub const ALL: [Self; 5] = [Self::Small, Self::Path, Self::Direction, Self::Probe, Self::Point];
+
+    /// The word for it in [`Rejected`]'s text.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Small => "small",
+            Self::Path => "path",
+            Self::Direction => "direction",
+            Self::Probe => "probe",
+            Self::Point => "point",
+        }
+    }
+}
+
+/// Which sample; in the order of pages, texels, kinds and numbers.
+///
+/// Its text is `PAGE:TEXEL:KIND:SAMPLE`, such as `0:17:small:3`, and can be parsed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Rejected {
-    /// Page or 0 for points.
+    /// Page; for probes the volume; 0 for points.
     pub page: usize,
-    /// Texel index within the page, or number of the point.
+    /// Texel index within the page, or number of the probe or point.
     pub texel: u32,
+    /// What it gathers.
+    pub kind: Kind,
     /// Number of the sample.
     pub sample: u32,
+}
+
+impl fmt::Display for Rejected {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}:{}:{}:{}", self.page, self.texel, self.kind.name(), self.sample)
+    }
+}
+
+impl FromStr for Rejected {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let words: Vec<&str> = text.split(':').collect();
+        let parsed = match words[..] {
+            [page, texel, kind, sample] => {
+                page.parse().ok().zip(texel.parse().ok()).and_then(|(page, texel)| {
+                    let kind = Kind::ALL.into_iter().find(|k| k.name() == kind)?;
+                    Some(Self { page, texel, kind, sample: sample.parse().ok()? })
+                })
+            }
+            _ => None,
+        };
+        parsed.ok_or_else(|| {
+            let kinds = Kind::ALL.map(Kind::name).join(", ");
+            format!("PAGE:TEXEL:KIND:SAMPLE is wanted, such as 0:17:path:3; KIND is one of {kinds}")
+        })
+    }
 }
 
 /// Counts samples that are not finite or absurdly bright, which are left out, and remembers the first one.
@@ -87,11 +152,17 @@ pub struct Gate {
 /// Samples beyond this, nits, would make sums of layers or their squares overflow; a sun's disc has 2e9.
 const BRIGHTEST: f32 = 1e35;
 
+/// Whether a sample may count: finite, and no brighter than 1e35 nits.
+#[must_use]
+pub fn is_admissible(colour: Rgb) -> bool {
+    colour.abs().max_element() <= BRIGHTEST && !colour.is_nan()
+}
+
 impl Gate {
     /// Lets a finite colour up to 1e35 nits through and turns anything else into black, counted.
     #[must_use]
     pub fn admit(&mut self, colour: Rgb, at: Rejected) -> Rgb {
-        if colour.abs().max_element() <= BRIGHTEST && !colour.is_nan() {
+        if is_admissible(colour) {
             return colour;
         }
         self.rejected += 1;
@@ -164,11 +235,26 @@ mod tests {
     #[test]
     fn the_gate_counts_and_names() {
         let mut g = Gate::default();
-        let at = |sample| Rejected { page: 1, texel: 7, sample };
+        let at = |sample| Rejected { page: 1, texel: 7, kind: Kind::Path, sample };
         assert_eq!(g.admit(Vec3::ONE, at(0)), Vec3::ONE);
         assert_eq!(g.admit(Vec3::new(1.0, f32::NAN, 0.0), at(1)), Vec3::ZERO);
         assert_eq!(g.admit(Vec3::splat(f32::INFINITY), at(2)), Vec3::ZERO);
         assert_eq!(g.admit(Vec3::new(0.0, 0.0, 3e38), at(3)), Vec3::ZERO);
         assert_eq!(g, Gate { rejected: 3, first: Some(at(1)) });
+    }
+
+    /// What is printed is what is read, and nothing else is.
+    #[test]
+    fn names_of_samples_are_read_again() {
+        for kind in Kind::ALL {
+            let at = Rejected { page: 2, texel: u32::MAX, kind, sample: 7 };
+            assert_eq!(at.to_string().parse(), Ok(at));
+        }
+        for bad in
+            ["", "0:1:path", "0:1:path:2:3", "0:1:walk:2", "-1:1:path:2", "0:1:path:4294967296", "a:1:path:2"]
+        {
+            let e = bad.parse::<Rejected>().expect_err(bad);
+            assert!(e.contains("PAGE:TEXEL:KIND:SAMPLE"), "{e}");
+        }
     }
 }

@@ -14,10 +14,10 @@ use crate::geom::texel::{TexelMap, TexelSampler};
 use crate::geom::world::luminance;
 use crate::sample::{Sequence, sequence};
 use crate::scene::model::Rgb;
-use crate::solve::accumulate::{Gate, Rejected};
+use crate::solve::accumulate::{Gate, Kind, Rejected};
 use crate::solve::lightmap::{Solution, Texel, vertex_of};
 use crate::solve::monitor::Monitor;
-use crate::transport::Kernel;
+use crate::transport::{Kernel, Vertex};
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
 
@@ -60,9 +60,10 @@ pub fn gather(
                 }
                 let index = chunk * CHUNK + k;
                 sampler.set(map, index);
-                let key = sequence::key(seed, DOMAIN + page as u64, u64::from(map.texels[index]));
-                let at = Rejected { page, texel: map.texels[index], sample: 0 };
+                let at = Rejected { page, texel: map.texels[index], kind: Kind::Direction, sample: 0 };
+                let key = key(page, at.texel, seed);
                 *out = of_texel(kernel, sampler, texel, samples, key, (&mut gate, at), &mut rays);
+                monitor.report(&gate);
             }
             monitor.add(out.len() as u64 * u64::from(samples), u64::from(rays));
             gate
@@ -87,18 +88,13 @@ fn of_texel(
     let mut sum = Direction::default();
     // What these paths say of `E`, and the mean normal.
     let (mut flat, mut normals) = (Vec3::ZERO, Vec3A::ZERO);
-    let step = (samples / STRAIGHT).max(1);
     for i in 0..samples {
         let mut sequence = Sequence::new(key, i);
         let [a, b, c, d] = sequence.next4();
         let Some(vertex) = vertex_of(kernel, sampler, texel, [a, b]) else { continue };
         let n = vertex.shading_normal;
         normals += n;
-        let p = vertex.position + vertex.geometric_normal * vertex.offset;
-        // The last stands for as many as are left.
-        let straight = (i % step == 0).then(|| step.min(samples - i) as f32);
-        let before = Some(vertex.geometric_normal);
-        kernel.sample_around((p, before), [c, d], straight, &mut sequence, rays, &mut |wi, light| {
+        around(kernel, &vertex, [c, d], (i, samples), &mut sequence, rays, &mut |wi, light| {
             let light = gate.admit(light, Rejected { sample: i, ..at });
             let cos = wi.dot(n);
             if 0.0 < cos {
@@ -110,6 +106,28 @@ fn of_texel(
         });
     }
     settle(sum, flat, normals.normalize_or_zero())
+}
+
+/// What the random numbers of a texel are drawn from.
+pub(super) fn key(page: usize, texel: u32, seed: u64) -> u64 {
+    sequence::key(seed, DOMAIN + page as u64, u64::from(texel))
+}
+
+/// Visits the light of sample `i` of `samples` from before a texel's point.
+pub(super) fn around(
+    kernel: &Kernel<'_>,
+    at: &Vertex,
+    u: [f32; 2],
+    (i, samples): (u32, u32),
+    sequence: &mut Sequence,
+    rays: &mut u32,
+    visit: &mut dyn FnMut(Vec3A, Rgb),
+) {
+    let step = (samples / STRAIGHT).max(1);
+    let p = at.position + at.geometric_normal * at.offset;
+    // The last stands for as many as are left.
+    let straight = (i % step == 0).then(|| step.min(samples.saturating_sub(i)) as f32);
+    kernel.sample_around((p, Some(at.geometric_normal)), u, straight, sequence, rays, visit);
 }
 
 /// The vector of a texel over its `E / pi`, from sums of light times direction and of light times cosine over the same samples.

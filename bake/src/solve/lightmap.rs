@@ -6,11 +6,11 @@ use crate::geom::texel::{TexelMap, TexelSampler};
 use crate::geom::world::luminance;
 use crate::sample::{Sequence, sequence};
 use crate::scene::model::Rgb;
-use crate::solve::accumulate::{Gate, Rejected, halves, mean_and_error};
+use crate::solve::accumulate::{Gate, Kind, Rejected, halves, mean_and_error};
 use crate::solve::audit::Audit;
 use crate::solve::monitor::{ErrorSums, Monitor};
 use crate::solve::visible::{Cells, Side, Validity, Visible, cell_index, receiver};
-use crate::transport::{Kernel, Vertex};
+use crate::transport::{Estimate, Kernel, Vertex};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -294,6 +294,7 @@ pub fn bake_page(
                     let id = Id { page, texel: map.texels[index], seed };
                     let at = Place { kernel, sampler, id, side, cells: Cells::default(), open: false };
                     *out = texel(at, crack, [small, samples], scratch, &mut tally);
+                    monitor.report(&tally.gate);
                 }
                 monitor.add_error(error_sums(out));
                 monitor.add(out.len() as u64 * u64::from(samples), tally.rays());
@@ -370,17 +371,19 @@ struct Place<'a> {
     open: bool,
 }
 
-/// What a sample gathers.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    /// Light straight from suns and lamps.
-    Small,
-    /// Everything else.
-    Path,
+fn texel(at: Place<'_>, crack: f32, n: [u32; 2], scratch: &mut Vec<Sample>, tally: &mut Tally) -> Texel {
+    let coverage = at.sampler.coverage();
+    let (at, validity) = settle(at, crack, tally);
+    let texel = all(&at, n, scratch, tally);
+    if texel.paths.samples == 0 {
+        // The triangle has no area in the world: there is nothing to light.
+        return Texel { coverage, validity: Validity::Hidden, ..Texel::default() };
+    }
+    Texel { coverage, validity, cells: at.cells, side: at.side, open: at.open, ..texel }
 }
 
-fn texel(mut at: Place<'_>, crack: f32, n: [u32; 2], scratch: &mut Vec<Sample>, tally: &mut Tally) -> Texel {
-    let coverage = at.sampler.coverage();
+/// Decides which side of a texel and which parts of it are gathered, and whether it can be seen.
+fn settle<'a>(mut at: Place<'a>, crack: f32, tally: &mut Tally) -> (Place<'a>, Validity) {
     let mut visible = look_around(&mut at, crack, tally);
     let mut dark = (visible.inside || at.can_turn()) && is_dark(&at, tally);
     if dark && at.can_turn() {
@@ -392,18 +395,13 @@ fn texel(mut at: Place<'_>, crack: f32, n: [u32; 2], scratch: &mut Vec<Sample>, 
             (visible, at, dark) = (seen, back, false);
         }
     }
-    let texel = all(&at, n, scratch, tally);
-    if texel.paths.samples == 0 {
-        // The triangle has no area in the world: there is nothing to light.
-        return Texel { coverage, validity: Validity::Hidden, ..Texel::default() };
-    }
     let validity = match visible.validity {
         // Only what is dark can be the inside of a body: light finds its way under a tent.
         Validity::Valid if visible.inside && dark => Validity::Enclosed,
         Validity::Enclosed if !dark => Validity::Valid,
         validity => validity,
     };
-    Texel { coverage, validity, cells: at.cells, side: at.side, open: at.open, ..texel }
+    (at, validity)
 }
 
 /// Finds out which parts of a texel are hidden, and enters it.
@@ -479,28 +477,35 @@ impl Place<'_> {
     /// Samples of the given numbers; those that fall on hidden parts of the texel are left out.
     fn gather(&self, kind: Kind, numbers: Range<u32>, tally: &mut Tally) -> impl Iterator<Item = Sample> {
         let Id { page, texel, seed } = self.id;
-        let domain = if kind == Kind::Small { SMALL } else { DOMAIN };
-        let key = sequence::key(seed, domain + page as u64, u64::from(texel));
+        let key = key(kind, page, texel, seed);
         let kind_of_cost = if kind == Kind::Small { 0 } else { 1 + usize::from(self.open) };
         let counted = &mut tally.counted[kind_of_cost];
         let gate = &mut tally.gate;
         numbers.filter_map(move |i| {
-            let mut sequence = Sequence::new(key, i);
-            let [a, b, c, d] = sequence.next4();
-            let vertex = self.vertex([a, b])?;
-            let e = match kind {
-                Kind::Small => self.kernel.small(&vertex, &mut sequence),
-                Kind::Path => {
-                    let vertex = Vertex { open: self.open, ..vertex };
-                    self.kernel.arriving(&vertex, [c, d], &mut sequence)
-                }
-            };
+            let (_, e) = self.sample(kind, &mut Sequence::new(key, i))?;
             counted.samples += 1;
             counted.rays += u64::from(e.rays);
-            let at = Rejected { page, texel, sample: i };
+            let at = Rejected { page, texel, kind, sample: i };
             Some(Sample { direct: gate.admit(e.direct, at), indirect: gate.admit(e.indirect, at) })
         })
     }
+
+    /// One sample as it comes, and where it starts; `None` if that is hidden.
+    fn sample(&self, kind: Kind, sequence: &mut Sequence) -> Option<(Vertex, Estimate)> {
+        let [a, b, c, d] = sequence.next4();
+        let vertex = self.vertex([a, b])?;
+        if kind == Kind::Small {
+            return Some((vertex, self.kernel.small(&vertex, sequence)));
+        }
+        let vertex = Vertex { open: self.open, ..vertex };
+        Some((vertex, self.kernel.arriving(&vertex, [c, d], sequence)))
+    }
+}
+
+/// What the random numbers of a texel's samples are drawn from.
+pub(super) fn key(kind: Kind, page: usize, texel: u32, seed: u64) -> u64 {
+    let domain = if kind == Kind::Small { SMALL } else { DOMAIN };
+    sequence::key(seed, domain + page as u64, u64::from(texel))
 }
 
 fn point(
@@ -524,6 +529,34 @@ pub(super) fn vertex_of(
     u: [f32; 2],
 ) -> Option<Vertex> {
     point(kernel, sampler, (texel.cells, texel.side), u)
+}
+
+/// A texel as [`bake_page`] begins it, without light: which side of it and which parts count.
+pub(super) fn begun(
+    kernel: &Kernel<'_>,
+    sampler: &TexelSampler,
+    (page, texel): (usize, u32),
+    turned: bool,
+    texel_size: f32,
+) -> Texel {
+    let side = if turned { Side::BackOfDoubleSided } else { Side::Front };
+    let id = Id { page, texel, seed: 0 };
+    let at = Place { kernel, sampler, id, side, cells: Cells::default(), open: false };
+    let (at, validity) = settle(at, CRACK * texel_size, &mut Tally::default());
+    Texel { validity, cells: at.cells, side: at.side, open: at.open, ..Texel::default() }
+}
+
+/// One sample of suns and lamps or one path of such a texel, as it comes, and where it starts; `None` if that is hidden.
+pub(super) fn sample_of(
+    kernel: &Kernel<'_>,
+    sampler: &TexelSampler,
+    (page, texel, seed): (usize, u32, u64),
+    begun: &Texel,
+    (kind, sample): (Kind, u32),
+) -> Option<(Vertex, Estimate)> {
+    let id = Id { page, texel, seed };
+    let at = Place { kernel, sampler, id, side: begun.side, cells: begun.cells, open: begun.open };
+    at.sample(kind, &mut Sequence::new(key(kind, page, texel, seed), sample))
 }
 
 /// The same texel from `times` as many samples with other random numbers, and the rays that took.
@@ -598,6 +631,7 @@ pub fn refine_page(
                     let at = Place { kernel, sampler, id, side: t.side, cells: t.cells, open: t.open };
                     add(&at, Kind::Small, more.small, t, scratch, &mut tally);
                     add(&at, Kind::Path, more.paths, t, scratch, &mut tally);
+                    monitor.report(&tally.gate);
                     spent += cost.of(t, more.small, more.paths);
                 }
                 #[expect(

@@ -13,6 +13,7 @@ pub mod monitor;
 pub mod pilot;
 pub mod points;
 pub mod probes;
+pub mod replay;
 pub mod schedule;
 pub mod visible;
 

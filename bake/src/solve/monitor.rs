@@ -1,5 +1,6 @@
 //! What a long computation and the one who waits for it say to each other.
 
+use crate::solve::accumulate::{Gate, Rejected};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
@@ -15,6 +16,10 @@ pub struct Monitor {
     /// Paths that the stage at work will have; 0 if it did not say.
     expected: AtomicU64,
     stop: AtomicBool,
+    /// Whether a rejected sample ends the work.
+    strict: bool,
+    /// The first of those that workers reported.
+    rejected: Mutex<Option<Rejected>>,
 }
 
 /// Sums of squared standard errors and of luminance, and how many texels they hold.
@@ -29,6 +34,26 @@ pub struct ErrorSums {
 }
 
 impl Monitor {
+    /// If `strict`, the first sample that a gate rejects stops the workers.
+    #[must_use]
+    pub fn new(strict: bool) -> Self {
+        Self { strict, ..Self::default() }
+    }
+
+    /// Workers show their gate after each texel, probe or batch.
+    pub fn report(&self, gate: &Gate) {
+        let Some(first) = gate.first.filter(|_| self.strict) else { return };
+        let mut rejected = self.rejected.lock().unwrap_or_else(PoisonError::into_inner);
+        *rejected = Some(rejected.map_or(first, |r| r.min(first)));
+        self.stop();
+    }
+
+    /// The sample that stopped the workers: the first in order of those that were found until all had stopped.
+    #[must_use]
+    pub fn rejected(&self) -> Option<Rejected> {
+        *self.rejected.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Workers report finished work in batches.
     pub fn add(&self, paths: u64, rays: u64) {
         self.paths.fetch_add(paths, Ordering::Relaxed);

@@ -5,9 +5,10 @@ use crate::geom::Ray;
 use crate::geom::ray::offset_distance;
 use crate::sample::{Sequence, sequence};
 use crate::scene::model::Rgb;
-use crate::solve::accumulate::{Gate, Rejected};
+use crate::solve::accumulate::{Gate, Kind, Rejected};
 use crate::solve::monitor::Monitor;
-use crate::transport::{Kernel, Vertex};
+use crate::solve::replay::Replayed;
+use crate::transport::{Estimate, Kernel, Vertex};
 use glam::{DVec3, Vec3, Vec3A};
 use rayon::prelude::*;
 use std::f32::consts::PI;
@@ -36,6 +37,20 @@ pub enum Until {
         /// Paths per point at most.
         most: u32,
     },
+}
+
+impl Until {
+    /// Batches before the error is judged, and paths in each.
+    fn batches(self) -> (u32, u32) {
+        match self {
+            Self::Samples(n) => {
+                // At least two batches, so that there is an error to state.
+                let batches = n.div_ceil(BATCH).max(n.min(16)).max(1);
+                (batches, n.div_ceil(batches))
+            }
+            Self::Error { .. } => (FIRST_BATCHES, BATCH),
+        }
+    }
 }
 
 /// Irradiance at a point.
@@ -107,15 +122,10 @@ fn point(
     seed: u64,
     monitor: &Monitor,
 ) -> Result<(PointResult, Gate), Error> {
-    let (first, most, size, relative) = match until {
-        Until::Samples(n) => {
-            // At least two batches, so that there is an error to state.
-            let batches = n.div_ceil(BATCH).max(n.min(16)).max(1);
-            (batches, batches, n.div_ceil(batches), 0.0)
-        }
-        Until::Error { relative, most } => {
-            (FIRST_BATCHES, most.div_ceil(BATCH).max(FIRST_BATCHES), BATCH, relative)
-        }
+    let (first, size) = until.batches();
+    let (most, relative) = match until {
+        Until::Samples(_) => (first, 0.0),
+        Until::Error { relative, most } => (most.div_ceil(BATCH).max(FIRST_BATCHES), relative),
     };
     let mut channels = [Moments::default(); 3];
     let mut gate = Gate::default();
@@ -166,16 +176,37 @@ fn batch(
         return (sum, gate);
     }
     let mut rays = 0;
-    let key = sequence::key(sequence::key(seed, DOMAIN, index as u64), DOMAIN, u64::from(batch));
     for i in 0..size {
-        let mut sequence = Sequence::new(key, i);
-        let [_, _, c, d] = sequence.next4();
-        let e = kernel.estimate(vertex, [c, d], &mut sequence);
+        let e = sample(kernel, vertex, (index, batch, i), seed);
         rays += u64::from(e.rays);
         #[expect(clippy::cast_possible_truncation, reason = "fewer than 2^32 points fit into memory")]
-        let at = Rejected { page: 0, texel: index as u32, sample: batch * size + i };
+        let at = Rejected { page: 0, texel: index as u32, kind: Kind::Point, sample: batch * size + i };
         sum += gate.admit(e.direct + e.indirect, at).as_dvec3();
     }
     monitor.add(u64::from(size), rays);
     (sum / f64::from(size), gate)
+}
+
+/// Sample `i` of a batch of a point.
+fn sample(kernel: &Kernel<'_>, vertex: &Vertex, (index, batch, i): (usize, u32, u32), seed: u64) -> Estimate {
+    let key = sequence::key(sequence::key(seed, DOMAIN, index as u64), DOMAIN, u64::from(batch));
+    let mut sequence = Sequence::new(key, i);
+    let [_, _, c, d] = sequence.next4();
+    kernel.estimate(vertex, [c, d], &mut sequence)
+}
+
+/// One sample of point number `index` as [`gather`] takes it.
+#[must_use]
+pub fn replay(
+    kernel: &Kernel<'_>,
+    (position, normal): (Vec3, Vec3),
+    index: usize,
+    until: Until,
+    seed: u64,
+    number: u32,
+) -> Replayed {
+    let vertex = place(kernel, position, normal);
+    let (_, size) = until.batches();
+    let e = sample(kernel, &vertex, (index, number / size, number % size), seed);
+    Replayed::at(kernel.world, vertex.position, vertex.geometric_normal).with(e)
 }

@@ -188,8 +188,12 @@ impl Kernel<'_> {
             }
         };
         let total: f32 = (0..list.len()).map(weight).sum();
-        if !(0.0 < total && total.is_finite()) {
+        if total <= 0.0 {
             return Vec3::ZERO;
+        }
+        if !total.is_finite() {
+            // Nothing can be chosen by such weights: it is for the gate to count.
+            return Vec3::splat(total);
         }
         #[expect(clippy::cast_possible_truncation, reason = "24 bits are enough for a few")]
         let mut rest = u as f32 * total;

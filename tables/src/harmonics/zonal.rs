@@ -185,9 +185,10 @@ pub fn phong(power: f64) -> Zh64 {
 /// before and after.
 #[must_use]
 pub fn henyey_greenstein(g: f64, x: f64) -> f64 {
-    // (1 - g)^2 + 2 g (1 - x) keeps its precision for g and x near 1.
+    // (1 - g)^2 + 2 g (1 - x) keeps its precision for g and x near 1, and near -1 if both are turned around.
+    let (g, x) = if g < 0.0 { (-g, -x) } else { (g, x) };
     let d = (1.0 - g) * (1.0 - g) + 2.0 * g * (1.0 - x);
-    (1.0 - g * g) / (d * d.sqrt())
+    ((1.0 - g) * (1.0 + g)) / (d * d.sqrt())
 }
 
 #[cfg(test)]

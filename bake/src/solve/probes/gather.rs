@@ -3,7 +3,7 @@
 use crate::geom::world::luminance;
 use crate::sample::Sequence;
 use crate::scene::model::Rgb;
-use crate::solve::accumulate::{Gate, Rejected};
+use crate::solve::accumulate::{Gate, Kind, Rejected};
 use crate::solve::monitor::Monitor;
 use crate::transport::Kernel;
 use crate::transport::around::Finds;
@@ -29,16 +29,44 @@ pub(super) struct Gathered {
     /// Of the mean luminance over all directions, nits.
     pub(super) std_err: f32,
     /// Samples that were not finite.
-    pub(super) rejected: u64,
+    pub(super) gate: Gate,
 }
 
-/// Gathers `samples` paths, rounded up to a multiple of 16, at a place in metres relative to the world's origin.
-pub(super) fn gather(kernel: &Kernel<'_>, p: Vec3A, samples: u32, key: u64, monitor: &Monitor) -> Gathered {
-    let per_block = samples.div_ceil(BLOCKS).max(1);
+/// Samples of each block where so many are asked for in all.
+fn per_block(samples: u32) -> u32 {
+    samples.div_ceil(BLOCKS).max(1)
+}
+
+/// Visits what sample `i` of so many finds around a place.
+pub(super) fn sample(
+    kernel: &Kernel<'_>,
+    p: Vec3A,
+    (i, samples): (u32, u32),
+    key: u64,
+    rays: &mut u32,
+    visit: &mut dyn FnMut(Vec3A, Rgb),
+) {
+    let per_block = per_block(samples);
     let n = per_block * BLOCKS;
     // Every so many samples, as many in each block.
     let step =
         (1..=per_block).rev().find(|s| per_block.is_multiple_of(*s) && n / s >= STRAIGHT.min(n)).unwrap_or(1);
+    let mut sequence = Sequence::new(key, i);
+    let [a, b, _, _] = sequence.next4();
+    let straight = (i % step == 0).then_some(step as f32);
+    kernel.sample_around((p, None), [a, b], straight, &mut sequence, rays, visit);
+}
+
+/// Gathers `samples` paths, rounded up to a multiple of 16, at a place in metres relative to the world's origin. `of` are the numbers of the volume and the probe.
+pub(super) fn gather(
+    kernel: &Kernel<'_>,
+    p: Vec3A,
+    samples: u32,
+    (key, of): (u64, (usize, u32)),
+    monitor: &Monitor,
+) -> Gathered {
+    let per_block = per_block(samples);
+    let n = per_block * BLOCKS;
     let bands = match kernel.finds_around() {
         Finds::Radiance => [1.0; 4],
         Finds::Irradiance => FROM_IRRADIANCE,
@@ -50,39 +78,30 @@ pub(super) fn gather(kernel: &Kernel<'_>, p: Vec3A, samples: u32, key: u64, moni
     for block in 0..BLOCKS {
         let mut brightness = 0.0f64;
         for i in block * per_block..(block + 1) * per_block {
-            let mut sequence = Sequence::new(key, i);
-            let [a, b, _, _] = sequence.next4();
-            let straight = (i % step == 0).then_some(step as f32);
-            let at = Rejected { page: 0, texel: 0, sample: i };
-            kernel.sample_around(
-                (p, None),
-                [a, b],
-                straight,
-                &mut sequence,
-                &mut rays,
-                &mut |wi: Vec3A, light: Rgb| {
-                    let light = gate.admit(light, at);
-                    if light == Vec3::ZERO {
-                        return;
+            let at = Rejected { page: of.0, texel: of.1, kind: Kind::Probe, sample: i };
+            sample(kernel, p, (i, samples), key, &mut rays, &mut |wi: Vec3A, light: Rgb| {
+                let light = gate.admit(light, at);
+                if light == Vec3::ZERO {
+                    return;
+                }
+                brightness += f64::from(luminance(light));
+                let y: [f32; MOST_COEFFICIENTS] = real::first(wi.to_array());
+                for (k, (sum, y)) in sums.iter_mut().zip(y).enumerate() {
+                    let y = y * bands[k.isqrt()];
+                    for (s, l) in sum.iter_mut().zip(light.to_array()) {
+                        *s += f64::from(l * y);
                     }
-                    brightness += f64::from(luminance(light));
-                    let y: [f32; MOST_COEFFICIENTS] = real::first(wi.to_array());
-                    for (k, (sum, y)) in sums.iter_mut().zip(y).enumerate() {
-                        let y = y * bands[k.isqrt()];
-                        for (s, l) in sum.iter_mut().zip(light.to_array()) {
-                            *s += f64::from(l * y);
-                        }
-                    }
-                },
-            );
+                }
+            });
         }
         means.push(brightness / f64::from(per_block) / (4.0 * std::f64::consts::PI));
     }
+    monitor.report(&gate);
     monitor.add(u64::from(n), u64::from(rays));
     #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
     Gathered {
         light: sums.map(|sum| sum.map(|s| (s / f64::from(n)) as f32)),
         std_err: means.std_err() as f32,
-        rejected: gate.rejected,
+        gate,
     }
 }

@@ -12,7 +12,9 @@ mod settle;
 
 use crate::error::Error;
 use crate::geom::world::luminance;
+use crate::solve::accumulate::Gate;
 use crate::solve::monitor::Monitor;
+use crate::solve::replay::Replayed;
 use crate::transport::Kernel;
 use gather::Gathered;
 use glam::{Vec3, Vec3A};
@@ -74,7 +76,7 @@ pub struct Figures {
     /// Probes that needed a window against ringing.
     pub windowed: u64,
     /// Samples that were not finite.
-    pub rejected: u64,
+    pub gate: Gate,
     /// Mean luminance over all directions and valid probes, nits.
     pub mean_luminance: f64,
     /// Root of the mean squared standard error of that, nits.
@@ -151,13 +153,38 @@ impl Probing {
         self.wanted_at.iter().filter(|w| **w).count() as u64 * u64::from(self.wanted.samples)
     }
 
+    /// What the random numbers of a probe are drawn from, and the numbers of its volume and its own.
+    fn random(&self, probe: usize) -> (u64, (usize, u32)) {
+        let Wanted { seed, number: volume, .. } = self.wanted;
+        #[expect(clippy::cast_possible_truncation, reason = "a few volumes")]
+        let of = (volume as usize, number(probe));
+        (crate::sample::sequence::key(seed, DOMAIN + volume, probe as u64), of)
+    }
+
+    /// What one sample of a probe finds, as [`Probing::finish`] would; `None` where no light is gathered.
+    #[must_use]
+    pub fn replay(&self, kernel: &Kernel<'_>, probe: u32, sample: u32) -> Option<Replayed> {
+        let probe = probe as usize;
+        if !*self.wanted_at.get(probe)? {
+            return None;
+        }
+        let place = self.places[probe].0;
+        let mut out = Replayed::at(kernel.world, place, Vec3A::ZERO);
+        let (key, _) = self.random(probe);
+        let Replayed { rays, around, .. } = &mut out;
+        gather::sample(kernel, place, (sample, self.wanted.samples), key, rays, &mut |wi, light| {
+            around.push((wi.into(), light));
+        });
+        Some(out)
+    }
+
     /// Gathers the light.
     ///
     /// # Errors
     ///
     /// [`Error::Interrupted`] when the monitor asks to stop.
     pub fn finish(self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<(ProbeVolume, Figures), Error> {
-        let Wanted { basis, samples, seed, number, .. } = self.wanted;
+        let Wanted { basis, samples, .. } = self.wanted;
         let gathered: Vec<Option<Gathered>> = self
             .places
             .par_iter()
@@ -165,8 +192,7 @@ impl Probing {
             .with_max_len(16)
             .map(|(i, (place, _))| {
                 let wanted = self.wanted_at[i] && !monitor.stopped();
-                let key = crate::sample::sequence::key(seed, DOMAIN + number, i as u64);
-                wanted.then(|| gather::gather(kernel, *place, samples, key, monitor))
+                wanted.then(|| gather::gather(kernel, *place, samples, self.random(i), monitor))
             })
             .collect();
         if monitor.stopped() {
@@ -177,7 +203,7 @@ impl Probing {
             hanging: self.hanging.len() as u64,
             moved: self.moved as u64,
             own: (self.places.len() - self.on_lattice) as u64,
-            rejected: gathered.iter().flatten().map(|g| g.rejected).sum(),
+            gate: gathered.iter().flatten().map(|g| g.gate).fold(Gate::default(), Gate::merge),
             ..Figures::default()
         };
         let mut light: Vec<Option<Light>> =

@@ -1,0 +1,91 @@
+//! What comes before sampling, the same for a bake and for a single sample that is replayed.
+
+use crate::cli::input;
+use crate::cli::say::{self, Interrupt, Style};
+use crate::error::Error;
+use crate::plan::Plan;
+use crate::plan::settings::Probes;
+use crate::solve::cache::Cells;
+use crate::solve::light_grid::Gathering;
+use crate::solve::pilot::{self, Learnt};
+use crate::solve::probes::{Wanted, Where};
+use crate::solve::{Monitor, lightmap};
+use crate::transport::cache::IrradianceCache;
+use crate::transport::light_grid::LightGrid;
+use crate::transport::{Kernel, Vertex};
+
+/// A plan that is carried out, and who watches.
+#[derive(Clone, Copy)]
+pub(crate) struct Stages<'a> {
+    pub(crate) plan: &'a Plan,
+    pub(crate) style: Style,
+    pub(crate) interrupt: &'a Interrupt,
+    pub(crate) monitor: &'a Monitor,
+}
+
+impl Stages<'_> {
+    /// Fills the light grid of media if the plan wants one.
+    pub(crate) fn light_grid(&self, kernel: &Kernel<'_>) -> Result<Option<LightGrid>, Error> {
+        let settings = self.plan.settings();
+        let fineness = settings.light_grid().filter(|_| kernel.media.is_some());
+        let gathering = fineness.and_then(|f| Gathering::new(kernel, f, settings.seed));
+        let Some(gathering) = gathering else { return Ok(None) };
+        let paths = gathering.paths();
+        let grid = say::watch(self.style, "light in media", paths, self.monitor, self.interrupt, || {
+            gathering.fill(kernel, self.monitor)
+        })?;
+        input::say_light_grid(&grid);
+        Ok(Some(grid))
+    }
+
+    /// Gathers the irradiance cache if the plan wants it.
+    pub(crate) fn cache(&self, kernel: &Kernel<'_>) -> Result<Option<IrradianceCache>, Error> {
+        if !self.plan.settings().caches() {
+            return Ok(None);
+        }
+        let cells = cells(self.plan, kernel);
+        say::watch(self.style, "irradiance cache", cells.paths(), self.monitor, self.interrupt, || {
+            cells.fill(kernel, self.monitor).map(Some)
+        })
+    }
+}
+
+/// How much a plan gathers in each texel.
+pub(crate) fn effort(plan: &Plan, samples: u32, seed: u64) -> lightmap::Effort {
+    lightmap::Effort { samples, small: samples, seed, texel_size: plan.atlas().texels_per_metre.recip() }
+}
+
+/// The places of the irradiance cache.
+pub(crate) fn cells(plan: &Plan, kernel: &Kernel<'_>) -> Cells {
+    let settings = plan.settings();
+    let texel_size = plan.atlas().texels_per_metre.recip();
+    Cells::find(kernel, &receivers(plan), texel_size, settings.samples, settings.seed)
+}
+
+/// The volumes of probes that a plan calls for.
+pub(crate) fn wanted_probes(plan: &Plan, settings: Probes) -> Vec<Wanted> {
+    let Probes { basis, about, spacing, samples } = settings;
+    let places = match &plan.scene().probe_boxes {
+        Some(boxes) => {
+            boxes.iter().map(|b| Where::Box { min: b.min, max: b.max, spacing: b.spacing }).collect()
+        }
+        None => vec![spacing.map_or(Where::Scene { about }, Where::Spaced)],
+    };
+    let seed = plan.settings().seed;
+    (0..).zip(places).map(|(number, place)| Wanted { place, basis, samples, seed, number }).collect()
+}
+
+fn receivers(plan: &Plan) -> Vec<Vertex> {
+    let placed = |s: usize| plan.atlas().placements[s].is_some();
+    pilot::receivers(&kernel(plan), placed, plan.settings().seed)
+}
+
+/// What a pilot learns of a plan's lights.
+pub(crate) fn learn(plan: &Plan) -> Learnt {
+    Learnt::new(&kernel(plan), &receivers(plan), plan.settings().seed)
+}
+
+/// The kernel that a plan calls for, before anything is learnt.
+pub(crate) fn kernel(plan: &Plan) -> Kernel<'_> {
+    Kernel::new(plan.scene(), plan.tracing(), plan.settings().bounces, plan.settings().media)
+}
