@@ -132,6 +132,10 @@ pub(crate) struct SettingsArgs {
     /// Seed of all random numbers [default: 0]
     #[arg(long, value_name = "N")]
     pub(crate) seed: Option<u64>,
+    /// Run this kernel for an effect and not the smallest that is right, such as lamps=tree or media=none; `bake plan --json` lists all of
+    /// them. May be given several times
+    #[arg(long, value_name = "EFFECT=KERNEL")]
+    pub(crate) force: Vec<String>,
 }
 
 /// How fine the light grid of `--media bounded` is.
@@ -280,6 +284,9 @@ pub(crate) struct PointsArgs {
     /// Seed of all random numbers
     #[arg(long, value_name = "N")]
     pub(crate) seed: Option<u64>,
+    /// Run this kernel for an effect and not the smallest that is right, such as lamps=tree or media=none
+    #[arg(long, value_name = "EFFECT=KERNEL")]
+    pub(crate) force: Vec<String>,
     #[command(flatten)]
     pub(crate) work: WorkArgs,
 }

@@ -35,12 +35,13 @@ pub struct Responses {
 }
 
 impl Responses {
-    /// Adds up the embedded tables for `media`, in a scene whose points lie within `radius` metres; `None` if nothing scatters.
+    /// Adds up the embedded tables for `media`, in a scene whose points lie within `radius` metres; `None` if nothing scatters. With `any_albedo`
+    /// the tables stay apart by albedo even where media have one alone.
     ///
     /// # Errors
     ///
     /// If the embedded file lacks a table.
-    pub fn new(media: &Media, radius: f32) -> Result<Option<Self>, Error> {
+    pub fn new(media: &Media, radius: f32, any_albedo: bool) -> Result<Option<Self>, Error> {
         let scattering = || media.bodies.iter().filter(|b| b.sigma_s != Vec3::ZERO);
         if scattering().next().is_none() {
             return Ok(None);
@@ -55,7 +56,7 @@ impl Responses {
             let albedo = b.sigma_s / (b.sigma_s + b.sigma_a);
             albedo.to_array().into_iter().filter(|a| a.is_finite())
         });
-        let albedo = range(&mut albedos.into_iter());
+        let albedo = if any_albedo { Range { from: 0.0, to: 1.0 } } else { range(&mut albedos.into_iter()) };
         let thinnest =
             scattering().map(|b| (b.sigma_s + b.sigma_a).max_element()).fold(f32::INFINITY, f32::min);
         let unreadable = |e: &dyn std::fmt::Display| Error::Usage(format!("the embedded tables: {e}"));
@@ -66,7 +67,7 @@ impl Responses {
             lamp: combined(Emitter::Point, Orders::All)?,
             sun: combined(Emitter::Directional, Orders::Span(1, 10))?,
             patch: CombinedPatch::new(&tables, Orders::All, g, albedo).map_err(|e| unreadable(&e))?,
-            grey: media.bodies.iter().all(|b| is_grey(b.sigma_s) && is_grey(b.sigma_a)),
+            grey: media.small.grey,
             reach: (MEAN_FREE_PATHS / thinnest).min(2.0 * radius),
             clamped: AtomicU64::new(0),
             grown: AtomicU64::new(0),
@@ -159,7 +160,3 @@ const MOST_GAIN: f32 = 1e3;
 
 /// See [`Responses::reach`]: light of surfaces farther away has been scattered and absorbed so often that it may be noisy.
 const MEAN_FREE_PATHS: f32 = 6.0;
-
-fn is_grey(colour: Rgb) -> bool {
-    colour.x == colour.y && colour.y == colour.z
-}

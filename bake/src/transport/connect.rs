@@ -60,7 +60,7 @@ impl Kernel<'_> {
             if cos <= 0.0 {
                 return None;
             }
-            let arriving = match (self.media, self.responses) {
+            let arriving = match (self.media(), self.responses()) {
                 (None, _) => Vec3::splat(cos * FRAC_1_PI),
                 (Some(media), None) => {
                     media.transmittance(vertex.position, light.wi, light.distance) * (cos * FRAC_1_PI)
@@ -98,7 +98,7 @@ impl Kernel<'_> {
         let (receiver, reflector) = (wi.dot(to.shading_normal), -wi.dot(light.vertex.shading_normal));
         let from = &light.vertex;
         // What a diffuse reflector sends is seen only from in front of its plane; by way of media also in it.
-        let seen = match self.responses {
+        let seen = match self.responses() {
             None => 0.0 < receiver && 0.0 < reflector && 0.0 < -wi.dot(from.geometric_normal),
             Some(_) => to.faces(wi, distance) && from.faces(-wi, distance),
         };
@@ -110,7 +110,7 @@ impl Kernel<'_> {
         let by_chance = cos_hemisphere_pdf(receiver.max(0.0)) * geometry;
         let density = light.density + by_chance;
         let t_max = distance - 2.0 * light.vertex.offset;
-        if let Some(responses) = self.responses {
+        if let Some(responses) = self.responses() {
             let left = self.unblocked(to, wi, t_max, rays);
             if left == Vec3::ZERO {
                 return left;

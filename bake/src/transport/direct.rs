@@ -85,6 +85,11 @@ pub(crate) fn finer(u: f32, more: f32) -> f64 {
     (f64::from((u * 8_388_608.0).floor()) + f64::from(more)) / 8_388_608.0
 }
 
+/// The next numbers; where lights that are not there are asked for all the same, others, so that the path's stay what they are.
+fn numbers(there: bool, sequence: &mut Sequence) -> [f32; 4] {
+    if there { sequence.next4() } else { sequence.fork().next4() }
+}
+
 impl Kernel<'_> {
     /// Light straight from the lights at `vertex`, one sample. At the receiver the unscattered part of lights is left out
     /// that the game adds. `arrival` says how the vertex was found, where connecting to beams could have found it as well.
@@ -100,13 +105,15 @@ impl Kernel<'_> {
         let lights = self.lights;
         let mut out = Direct::default();
         let (small, area) = (part != Part::Area, part != Part::Small);
-        let punctual = small && !lights.punctual.is_empty();
+        let punctual = small && !lights.small.no_lamps;
         // Many emissive triangles are asked where lamps are, with as many samples as these get.
         let apart = receiver && self.emitters_apart();
-        let emitters = !lights.emitters.is_empty() && if apart { small } else { area };
+        let emitters = !lights.small.no_emission && if apart { small } else { area };
         if punctual || emitters {
             let fine = sequence.coins(FINE);
-            let [a, b, c, d] = sequence.next4();
+            let there =
+                (punctual && !lights.punctual.is_empty()) || (emitters && !lights.emitters.is_empty());
+            let [a, b, c, d] = numbers(there, sequence);
             let n = if receiver && part == Part::Small { SEVERAL } else { 1 };
             if punctual {
                 let at = Asked { vertex, receiver, arrival, n };
@@ -116,10 +123,11 @@ impl Kernel<'_> {
                 out.area += self.emitters(vertex, n, finer(b, fine[1]), [c, d], rays);
             }
         }
-        let suns = small && !lights.suns.is_empty();
-        let sky = area && (lights.sky.is_sampled() || self.sky_guide.is_some()) && !vertex.open;
+        let suns = small && !lights.small.no_suns;
+        let sky = area && (!lights.small.no_image || self.sky_guide.is_some()) && !vertex.open;
         if suns || sky {
-            let [a, b, c, d] = sequence.next4();
+            let seen = sky && (lights.sky.is_sampled() || self.sky_guide.is_some());
+            let [a, b, c, d] = numbers((suns && !lights.suns.is_empty()) || seen, sequence);
             let asked = if suns { lights.suns.as_slice() } else { &[] };
             for (i, sun) in asked.iter().enumerate() {
                 let Some(share) = self.share(receiver && sun.indirect_only) else { continue };
@@ -134,7 +142,7 @@ impl Kernel<'_> {
                 out.area += self.sky(vertex, [c, d], rays);
             }
         }
-        if area && let Some(responses) = self.responses {
+        if area && let Some(responses) = self.responses() {
             out.area += self.sky_by_chance(responses, vertex, sequence, rays);
         }
         out
@@ -147,7 +155,7 @@ impl Kernel<'_> {
 
     /// What counts of a light of which the game may add the unscattered part; `None` if nothing does.
     fn share(&self, of_the_game: bool) -> Option<Share> {
-        match (of_the_game, self.responses) {
+        match (of_the_game, self.responses()) {
             (false, _) => Some(Share::All),
             (true, Some(_)) => Some(Share::Scattered),
             (true, None) => None,
@@ -158,6 +166,9 @@ impl Kernel<'_> {
         let Asked { vertex, receiver, arrival, n } = *at;
         let list = &self.lights.punctual;
         let share = |i: usize| self.share(receiver && list[i].indirect_only);
+        if self.lights.small.one_lamp {
+            return self.only_lamp(at, rays);
+        }
         let by = self.lights.lamps_by;
         if by == Selection::All || (by == Selection::Weighed && receiver && list.len() <= EVERY_LAMP) {
             return (0..list.len())
@@ -169,7 +180,7 @@ impl Kernel<'_> {
                 .sum();
         }
         if let Some(many) = self.lights.many_lamps() {
-            let among = if receiver && self.responses.is_none() { Among::BakedLamps } else { Among::Lamps };
+            let among = if receiver && self.responses().is_none() { Among::BakedLamps } else { Among::Lamps };
             let mut sum = Vec3::ZERO;
             many.several(&self.emitter_receiver(vertex), among, n, u, &mut |light, _, chance| {
                 let Chosen::Lamp(i) = light else { return };
@@ -214,16 +225,32 @@ impl Kernel<'_> {
         self.lit(vertex, &light, share, rays) * (weight / probability)
     }
 
+    /// Light of the one lamp that there is: what choosing it among others gives, which it has no need of.
+    fn only_lamp(&self, at: &Asked<'_>, rays: &mut u32) -> Rgb {
+        let Asked { vertex, receiver, arrival, .. } = *at;
+        let lamp = &self.lights.punctual[0];
+        let asked = self.share(receiver && lamp.indirect_only).zip(lamp.incident(vertex.position));
+        let Some((share, light)) = asked else { return Vec3::ZERO };
+        if !receiver {
+            let weight = luminance(light.illuminance) * self.least_cosine(vertex, light.wi, light.distance);
+            if !(0.0 < weight && weight.is_finite()) {
+                return Vec3::ZERO;
+            }
+        }
+        let weight = self.chance_weight(arrival, vertex, Source::Punctual(0), &light);
+        self.lit(vertex, &light, share, rays) * weight
+    }
+
     /// The cosine that a light's weight counts with; by way of media it also brings light where it is low.
     fn least_cosine(&self, vertex: &Vertex, wi: Vec3A, distance: f32) -> f32 {
         let cos = wi.dot(vertex.shading_normal).max(0.0);
-        if self.responses.is_some() && vertex.faces(wi, distance) { cos.max(LEAST_COSINE) } else { cos }
+        if self.responses().is_some() && vertex.faces(wi, distance) { cos.max(LEAST_COSINE) } else { cos }
     }
 
     /// A light without area, as far as it is not shadowed.
     fn lit(&self, vertex: &Vertex, light: &Incident, share: Share, rays: &mut u32) -> Rgb {
         let cos = light.wi.dot(vertex.shading_normal);
-        let responses = self.responses.filter(|_| vertex.faces(light.wi, light.distance));
+        let responses = self.responses().filter(|_| vertex.faces(light.wi, light.distance));
         if cos <= 0.0 && responses.is_none() {
             return Vec3::ZERO;
         }
@@ -243,7 +270,7 @@ impl Kernel<'_> {
 
     /// How emitters see a vertex: by way of media they light it from its plane and, where it has no surface, from behind as well.
     pub(crate) fn emitter_receiver(&self, vertex: &Vertex) -> Receiver {
-        let below = match self.responses {
+        let below = match self.responses() {
             None => 0.0,
             // Where the two planes differ what is below one of them may light the medium over the other.
             Some(_) if vertex.detached || vertex.shading_normal != vertex.geometric_normal => {
@@ -281,7 +308,7 @@ impl Kernel<'_> {
     /// Light of a point on an emissive triangle.
     fn emitter(&self, vertex: &Vertex, s: &EmitterSample, rays: &mut u32) -> Rgb {
         let cos = s.wi.dot(vertex.shading_normal);
-        let responses = self.responses.filter(|_| vertex.faces(s.wi, s.distance));
+        let responses = self.responses().filter(|_| vertex.faces(s.wi, s.distance));
         if (cos <= 0.0 || s.pdf_solid_angle <= 0.0) && responses.is_none() {
             return Vec3::ZERO;
         }
@@ -295,7 +322,7 @@ impl Kernel<'_> {
         let Some(responses) = responses else {
             let weight = 1.0 / (s.pdf_solid_angle + by_cosine);
             let left = self.unblocked_from(&at, s.wi, vertex, rays);
-            let left = match self.media {
+            let left = match self.media() {
                 Some(media) if left != Vec3::ZERO => {
                     left * media.transmittance(vertex.position, s.wi, (s.distance - 2.0 * at.offset).max(0.0))
                 }
@@ -323,7 +350,7 @@ impl Kernel<'_> {
         let Some((wi, pdf)) = self.sky_direction(vertex, u) else { return Vec3::ZERO };
         let cos = wi.dot(vertex.shading_normal);
         let radiance = self.lights.sky.radiance(wi);
-        let responses = self.responses.filter(|_| vertex.faces(wi, f32::INFINITY));
+        let responses = self.responses().filter(|_| vertex.faces(wi, f32::INFINITY));
         if (cos <= 0.0 && responses.is_none()) || pdf <= 0.0 || radiance == Vec3::ZERO {
             return Vec3::ZERO;
         }
@@ -369,7 +396,7 @@ impl Kernel<'_> {
     /// What is left of light along a segment after all surfaces and media that it crosses: 0 behind an opaque surface.
     pub(crate) fn transmittance(&self, from: &Vertex, wi: Vec3A, t_max: f32, rays: &mut u32) -> Rgb {
         let left = self.unblocked(from, wi, t_max, rays);
-        match self.media {
+        match self.media() {
             Some(media) if left != Vec3::ZERO => {
                 left * media.transmittance(from.position, wi, t_max.max(0.0))
             }
