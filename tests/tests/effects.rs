@@ -1,9 +1,9 @@
 //! Only the effects that a scene calls for: small kernels find what general ones find, and take fewer instructions.
 //!
-//! Instructions are counted by callgrind (valgrind), on one thread. Those of effects that sampling has are of `bake points`: 16 points in a small
-//! room with 512 paths each, after the pilot and, where there are media, a light grid of 200 nodes; loading is 1 % of it, and nothing is
-//! unwrapped or written. Those of stages are of a whole `bake run` of the room. `UPDATE_EXPECT=1 RUN_SLOW_TESTS=1` writes what was counted to
-//! `data/effects.md` and to the file that `bake plan` reads.
+//! Instructions are counted by callgrind (valgrind) of `bake points`, on one thread: 16 points in a small room with 512 paths each, after the pilot and,
+//! where there are media, a light grid of 200 nodes. Loading is 1 % of it, and nothing is unwrapped or written. Stages (probes, denoising and so on)
+//! have no row: their cost is the seconds that `bake plan` gives. `UPDATE_EXPECT=1 RUN_SLOW_TESTS=1` writes what was counted to `data/effects.md` and to the file
+//! that `bake plan` reads.
 
 use serde_json::{Value, json};
 use std::{
@@ -23,8 +23,6 @@ enum Same {
     Mean,
     /// Tables are looked up over a range of albedos, and not at one: equal within what interpolation costs.
     Nearly,
-    /// The general one adds to the result, or changes it on purpose.
-    More,
 }
 
 /// A small kernel on a scene for which it is right, and the general one there.
@@ -67,10 +65,6 @@ const ROWS: &[Row] = &[
     Row { effect: "opacity", without: "anything that lets light pass", chosen: "opaque", general: "passing", config: BOTH, args: &[], same: Same::Bits },
     Row { effect: "textures", without: "textures", chosen: "constant", general: "textured", config: BOTH, args: &[], same: Same::Bits },
     Row { effect: "traversal", without: "need of plain loops", chosen: "avx2", general: "portable", config: BOTH, args: &[], same: Same::Bits },
-    Row { effect: "lightmaps", without: "directions", chosen: "flat", general: "directional", config: SKY, args: &[], same: Same::More },
-    Row { effect: "probes", without: "probes", chosen: "off", general: "on", config: SKY, args: &[], same: Same::More },
-    Row { effect: "denoise", without: "denoising", chosen: "off", general: "final", config: SKY, args: &[], same: Same::More },
-    Row { effect: "seams", without: "stitching", chosen: "off", general: "on", config: SKY, args: &[], same: Same::More },
 ];
 
 /// Further pairs that are the same to the bit.
@@ -139,9 +133,6 @@ impl Row {
 
     /// What instructions are counted of.
     fn counted(&self, force: Option<&str>) -> Vec<String> {
-        if self.same == Same::More {
-            return self.command("out", force);
-        }
         let all = POINTS.iter().chain(self.args).map(|a| (*a).to_owned());
         all.chain(self.forced(force)).collect()
     }
@@ -168,7 +159,7 @@ fn planned(row: &Row, dir: &Path) -> String {
 
 #[test]
 fn small_kernels_find_what_general_ones_find() {
-    for row in ROWS.iter().chain(MORE).filter(|r| r.same != Same::More) {
+    for row in ROWS.iter().chain(MORE) {
         let dir = row.folder();
         if row.effect != "traversal" {
             assert_eq!(planned(row, dir.path()), row.chosen, "{row:?}");
@@ -301,13 +292,13 @@ fn small_kernels_take_fewer_instructions() {
     let fast = ["media=none", "phase=isotropic", "textures=constant"];
     let mut table = BTreeMap::new();
     let mut counts = BTreeMap::new();
-    // Stages share the bake without any of them.
+    // Several rows share a bake.
     let mut count = |row: &Row, force: Option<&str>| {
         let key = (row.config, row.args, row.counted(force));
         *counts.entry(key).or_insert_with(|| instructions(tool::bake_path(), row, force))
     };
     let mut text = String::new();
-    // Making tables ready for a range of albedos takes minutes in valgrind.
+    // Making tables ready for a range of albedos takes minutes in valgrind, and of whole bakes most is not sampling.
     let counted = ROWS.iter().filter(|r| r.same != Same::Nearly);
     for row in counted.filter(|r| suite::slow() || fast.contains(&r.name().as_str())) {
         let chosen = count(row, None);

@@ -422,13 +422,24 @@ fn need(
     lights: &Lights,
     (media, direct): (&[&Medium], Direct),
 ) -> (usize, String) {
-    let n = |n: usize, what: &str| match n {
-        0 => format!("there is no {what}"),
-        1 => format!("there is 1 {what}"),
-        n => format!("there are {n} {what}s"),
+    let n = |n: usize, what: &str, first: Option<&str>| match (n, first) {
+        (0, _) => format!("there is no {what}"),
+        (1, first) => format!("there is 1 {what}, {}", first.unwrap_or("unnamed")),
+        (n, first) => format!("there are {n} {what}s, the first of them {}", first.unwrap_or("unnamed")),
+    };
+    let lamp = |suns: bool| {
+        let is = |kind: &LightKind| matches!(kind, LightKind::Directional { .. }) == suns;
+        let found = scene.lights.iter().find(|l| l.mode != LightMode::Dynamic && is(&l.kind));
+        found.map(|l| l.path.as_str())
+    };
+    let shines = || {
+        let found = scene.surfaces.iter().find(|s| scene.materials[s.material].emission != Vec3::ZERO);
+        found.map(|s| s.path.as_str())
     };
     match effect {
-        Effect::Suns => (usize::from(!lights.suns.is_empty()), n(lights.suns.len(), "directional light")),
+        Effect::Suns => {
+            (usize::from(!lights.suns.is_empty()), n(lights.suns.len(), "directional light", lamp(true)))
+        }
         Effect::Lamps => {
             let count = lights.punctual.len();
             let k = match (count, selection(direct, count, FEW_LAMPS)) {
@@ -438,7 +449,7 @@ fn need(
                 (_, Selection::Weighed) => 3,
                 (_, Selection::Tree) => 4,
             };
-            (k, n(count, "lamp"))
+            (k, n(count, "lamp", lamp(false)))
         }
         Effect::Emission => {
             let count = lights.emitters.len();
@@ -448,7 +459,7 @@ fn need(
                 (_, Selection::Weighed) => 2,
                 (_, Selection::Tree) => 3,
             };
-            (k, n(count, "emissive triangle"))
+            (k, n(count, "emissive triangle", shines()))
         }
         Effect::Sky if lights.sky.is_black() => (0, "the sky is black".to_owned()),
         Effect::Sky if lights.sky.is_sampled() => (2, "the sky is an image".to_owned()),

@@ -13,6 +13,7 @@ use crate::light::emitters::EmitterSample;
 use crate::light::many::{Among, Chosen, EVERY_LAMP};
 use crate::light::punctual::Incident;
 use crate::light::tree::Receiver;
+use crate::media::{Media, Responses};
 use crate::sample::Sequence;
 use crate::sample::warp::cos_hemisphere_pdf;
 use crate::scene::model::Rgb;
@@ -88,6 +89,18 @@ pub(crate) fn finer(u: f32, more: f32) -> f64 {
 /// The next numbers; where lights that are not there are asked for all the same, others, so that the path's stay what they are.
 fn numbers(there: bool, sequence: &mut Sequence) -> [f32; 4] {
     if there { sequence.next4() } else { sequence.fork().next4() }
+}
+
+/// What media leave of light along a segment; apart, so that scenes without media carry nothing of it.
+#[inline(never)]
+fn weakened(left: Rgb, media: &Media, from: Vec3A, wi: Vec3A, t_max: f32) -> Rgb {
+    if left == Vec3::ZERO { left } else { left * media.transmittance(from, wi, t_max.max(0.0)) }
+}
+
+/// Metres to a light. One that lies on a surface must not be hidden by that surface's rounding.
+fn up_to(vertex: &Vertex, light: &Incident) -> f32 {
+    let slack = offset_distance((vertex.position + light.wi * light.distance).abs().max_element());
+    if light.distance.is_finite() { light.distance - slack } else { f32::INFINITY }
 }
 
 impl Kernel<'_> {
@@ -248,20 +261,38 @@ impl Kernel<'_> {
     }
 
     /// A light without area, as far as it is not shadowed.
+    #[inline(always)]
     fn lit(&self, vertex: &Vertex, light: &Incident, share: Share, rays: &mut u32) -> Rgb {
-        let cos = light.wi.dot(vertex.shading_normal);
-        let responses = self.responses().filter(|_| vertex.faces(light.wi, light.distance));
-        if cos <= 0.0 && responses.is_none() {
-            return Vec3::ZERO;
+        match self.responses().filter(|_| vertex.faces(light.wi, light.distance)) {
+            None => {
+                let cos = light.wi.dot(vertex.shading_normal);
+                if cos <= 0.0 {
+                    return Vec3::ZERO;
+                }
+                let left = self.unblocked(vertex, light.wi, up_to(vertex, light), rays);
+                let left = match self.media() {
+                    None => left,
+                    Some(media) => weakened(left, media, vertex.position, light.wi, up_to(vertex, light)),
+                };
+                light.illuminance * (cos * FRAC_1_PI) * left
+            }
+            Some(responses) => self.lit_through(responses, vertex, light, share, rays),
         }
-        // A lamp that lies on a surface must not be hidden by that surface's rounding.
-        let slack = offset_distance((vertex.position + light.wi * light.distance).abs().max_element());
-        let t_max = if light.distance.is_finite() { light.distance - slack } else { f32::INFINITY };
-        let Some(responses) = responses else {
-            return light.illuminance * (cos * FRAC_1_PI) * self.transmittance(vertex, light.wi, t_max, rays);
-        };
+    }
+
+    /// The same by way of media as tables see them.
+    #[inline(never)]
+    fn lit_through(
+        &self,
+        responses: &Responses,
+        vertex: &Vertex,
+        light: &Incident,
+        share: Share,
+        rays: &mut u32,
+    ) -> Rgb {
+        let cos = light.wi.dot(vertex.shading_normal);
         let cos = if share == Share::All { cos.max(0.0) } else { 0.0 };
-        let left = self.unblocked(vertex, light.wi, t_max, rays);
+        let left = self.unblocked(vertex, light.wi, up_to(vertex, light), rays);
         if left == Vec3::ZERO {
             return left;
         }
@@ -394,17 +425,17 @@ impl Kernel<'_> {
     }
 
     /// What is left of light along a segment after all surfaces and media that it crosses: 0 behind an opaque surface.
+    #[inline(always)]
     pub(crate) fn transmittance(&self, from: &Vertex, wi: Vec3A, t_max: f32, rays: &mut u32) -> Rgb {
         let left = self.unblocked(from, wi, t_max, rays);
         match self.media() {
-            Some(media) if left != Vec3::ZERO => {
-                left * media.transmittance(from.position, wi, t_max.max(0.0))
-            }
-            _ => left,
+            None => left,
+            Some(media) => weakened(left, media, from.position, wi, t_max),
         }
     }
 
     /// What surfaces leave of light along a segment.
+    #[inline(always)]
     pub(crate) fn unblocked(&self, from: &Vertex, wi: Vec3A, t_max: f32, rays: &mut u32) -> Rgb {
         // Rays start off the plane, so they are shorter by up to as much.
         let t_max = t_max - from.offset;

@@ -461,20 +461,10 @@ impl Kernel<'_> {
             let hit = self.closest(&ray);
             if let (Some(media), None) = (self.media(), spread) {
                 let part = (ray.origin, wi, hit.map_or(f32::INFINITY, |h| h.t));
-                let crossed = Crossed::new(media, part);
-                if let Some(grid) = self.grid() {
-                    let before = through * clear;
-                    let air = (media, grid);
-                    leg.airlight += before
-                        * match links.as_deref_mut() {
-                            Some(links) => {
-                                let so_far = links.throughput * before;
-                                self.airlight_linked(air, part, (links, so_far), sequence, rays)
-                            }
-                            None => self.airlight(air, part, &crossed, sequence, rays),
-                        };
-                }
-                clear *= crossed.left;
+                let (airlight, left) =
+                    self.cross(media, part, through * clear, links.as_deref_mut(), sequence, rays);
+                leg.airlight += airlight;
+                clear *= left;
             }
             let Some(hit) = hit else {
                 if self.lights.small.black_sky {
@@ -539,6 +529,31 @@ impl Kernel<'_> {
             }
         }
         leg
+    }
+
+    /// What media scatter into a part of a ray, of which `before` is left in front of it, and what they leave of light; apart, so that
+    /// scenes without media carry nothing of it.
+    #[inline(never)]
+    fn cross(
+        &self,
+        media: &Media,
+        part: (Vec3A, Vec3A, f32),
+        before: Rgb,
+        links: Option<&mut Links>,
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> (Rgb, Rgb) {
+        let crossed = Crossed::new(media, part);
+        let Some(grid) = self.grid() else { return (Vec3::ZERO, crossed.left) };
+        let air = (media, grid);
+        let airlight = match links {
+            Some(links) => {
+                let so_far = links.throughput * before;
+                self.airlight_linked(air, part, (links, so_far), sequence, rays)
+            }
+            None => self.airlight(air, part, &crossed, sequence, rays),
+        };
+        (before * airlight, crossed.left)
     }
 
     /// The nearest hit that is not a hole.
