@@ -5,6 +5,8 @@
 //! have no row: their cost is the seconds that `bake plan` gives. `UPDATE_EXPECT=1 RUN_SLOW_TESTS=1` writes what was counted to `data/effects.md` and to the file
 //! that `bake plan` reads.
 
+#![expect(clippy::unwrap_used, reason = "a test may panic")]
+
 use serde_json::{Value, json};
 use std::{
     collections::BTreeMap,
