@@ -137,6 +137,10 @@ pub(crate) struct SettingsArgs {
     /// Seed of all random numbers [default: 0]
     #[arg(long, value_name = "N")]
     pub(crate) seed: Option<u64>,
+    /// Run this kernel for an effect and not the smallest that is right, such as lamps=tree or media=none; `bake plan --json` lists all of
+    /// them. May be given several times
+    #[arg(long, value_name = "EFFECT=KERNEL")]
+    pub(crate) force: Vec<String>,
 }
 
 /// How fine the light grid of `--media bounded` is.
@@ -317,6 +321,9 @@ pub(crate) struct PointsArgs {
     /// Take one sample of a point alone and print it: what the message about samples that are not numbers asks for
     #[arg(long, value_name = "0:POINT:point:SAMPLE")]
     pub(crate) replay: Option<Rejected>,
+    /// Run this kernel for an effect and not the smallest that is right, such as lamps=tree or media=none
+    #[arg(long, value_name = "EFFECT=KERNEL")]
+    pub(crate) force: Vec<String>,
     #[command(flatten)]
     pub(crate) work: WorkArgs,
 }

@@ -527,14 +527,8 @@ impl Job<'_> {
         let area = |p: &crate::geom::atlas::Page| f64::from(p.width) * f64::from(p.height);
         let rest = &self.plan.atlas().pages[page..];
         let all: f64 = rest.iter().map(area).sum();
-        let denoise = match self.plan.settings().denoise {
-            Denoise::Off => 0.0,
-            Denoise::Draft => DENOISE_SECONDS[0],
-            Denoise::Final => DENOISE_SECONDS[1],
-        } / rayon::current_num_threads() as f64;
-        let places: u64 =
-            self.plan.seams().places(&self.plan.tracing().world, self.plan.atlas()).iter().sum();
-        let after = PICTURE_SECONDS + (WRITE_SECONDS + denoise) * all + PLACE_SECONDS * places as f64;
+        let denoise = denoise_seconds(self.plan, 1);
+        let after = PICTURE_SECONDS + (WRITE_SECONDS + denoise) * all + seam_seconds(self.plan);
         let after = Duration::from_secs_f64(after);
         let left = end.saturating_duration_since(now).saturating_sub(after);
         now + left.mul_f64(area(&rest[0]) / all.max(1.0))
@@ -629,6 +623,22 @@ const DENOISE_SECONDS: [f64; 2] = [3e-5, 1e-4];
 /// What a time budget keeps for a place on a seam, seconds; measured 30 microseconds of one processor in a
 /// build with little optimisation.
 const PLACE_SECONDS: f64 = 5e-5;
+
+/// About how long denoising takes for so many covered texels.
+pub(crate) fn denoise_seconds(plan: &Plan, texels: u64) -> f64 {
+    let seconds = match plan.settings().denoise {
+        Denoise::Off => 0.0,
+        Denoise::Draft => DENOISE_SECONDS[0],
+        Denoise::Final => DENOISE_SECONDS[1],
+    };
+    texels as f64 * seconds / rayon::current_num_threads() as f64
+}
+
+/// About how long stitching takes.
+pub(crate) fn seam_seconds(plan: &Plan) -> f64 {
+    let places: u64 = plan.seams().places(&plan.tracing().world, plan.atlas()).iter().sum();
+    PLACE_SECONDS * places as f64
+}
 
 /// Whether the distance of probes that is asked for suits the scene's size.
 ///

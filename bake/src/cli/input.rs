@@ -9,7 +9,7 @@ use crate::error::{Error, Finding};
 use crate::geom::atlas::{Engine, Unwrap};
 use crate::light::Direct;
 use crate::plan::settings::{Denoise, Fineness, Probes, Sampling, TextureFormat};
-use crate::plan::{MediaMode, Quality, Settings, Tracing, Tuning};
+use crate::plan::{Effect, Force, MediaMode, Quality, Settings, Tracing, Tuning};
 use crate::scene::config::{Config, RunConfig};
 use crate::scene::document::Document;
 use crate::scene::gltf::{self, LightUnits, LoadOptions};
@@ -73,21 +73,8 @@ pub(crate) fn load(args: &SceneArgs) -> Result<Input, Error> {
     let (scene, more) = gltf::load(&document, &config, &LoadOptions { light_units, sky });
     findings.extend(more);
     findings.extend(crate::media::findings(&scene));
-    findings.extend(idle(&config.run));
     findings.sort_by_key(|f| std::cmp::Reverse(f.severity));
     Ok(Input { document, scene, findings, run: config.run, light_units })
-}
-
-/// Findings about run options that later versions will know.
-fn idle(run: &RunConfig) -> Vec<Finding> {
-    let words = [("force", !run.force.is_empty())];
-    let given = words.into_iter().filter(|(_, given)| *given);
-    given
-        .map(|(word, _)| {
-            let what = "is reserved and has no effect in this version";
-            Finding::warning(format!("run.{word}"), what, "remove it; `samples` sets the effort")
-        })
-        .collect()
 }
 
 /// A word of the configuration file that is also one of the command line.
@@ -106,8 +93,16 @@ pub(crate) fn word<T: ValueEnum>(text: &str, path: &str) -> Result<T, Error> {
 ///
 /// # Errors
 ///
-/// If the file's word is not known.
-pub(crate) fn media(arg: Option<MediaArg>, run: &RunConfig, scene: &Scene) -> Result<MediaMode, Error> {
+/// If the file's word is not known, or there are media and the program has no feature `media`.
+pub(crate) fn media(
+    arg: Option<MediaArg>,
+    run: &RunConfig,
+    force: &Force,
+    scene: &Scene,
+) -> Result<MediaMode, Error> {
+    if force.word(Effect::Media) == Some("none") {
+        return Ok(MediaMode::Off);
+    }
     let arg = match (arg, &run.media) {
         (None, Some(text)) => Some(word(text, "run.media")?),
         (given, _) => given,
@@ -121,13 +116,34 @@ pub(crate) fn media(arg: Option<MediaArg>, run: &RunConfig, scene: &Scene) -> Re
             crate::media::MOST_G
         ));
     }
-    Ok(match arg.unwrap_or(MediaArg::Bounded) {
+    let arg = arg.unwrap_or(MediaArg::Bounded);
+    if cfg!(not(feature = "media"))
+        && arg != MediaArg::Off
+        && let Some(medium) = scene.media.first()
+    {
+        return Err(Finding::error(
+            &medium.path,
+            "a medium, and this program was built without the feature `media`",
+            "take --media off, or build it with its default features",
+        )
+        .into());
+    }
+    Ok(match arg {
         MediaArg::Off => MediaMode::Off,
         MediaArg::Attenuate => MediaMode::Attenuate,
         MediaArg::Table => MediaMode::Table,
         MediaArg::Bounded => MediaMode::Bounded,
         MediaArg::Reference => MediaMode::Reference,
     })
+}
+
+/// Kernels that are asked for by name: on the command line, which stands above the configuration file.
+///
+/// # Errors
+///
+/// If a word is not known.
+pub(crate) fn force(args: &[String], run: &RunConfig) -> Result<Force, Error> {
+    Force::parse(run.force.iter().chain(args).map(String::as_str))
 }
 
 /// How direct light is sampled: by the command line, else the configuration file.
@@ -186,10 +202,12 @@ pub(crate) fn light_grid(args: GridArgs, quality: Quality) -> Fineness {
 fn directional(
     args: &SettingsArgs,
     run: &RunConfig,
+    force: &Force,
     media: MediaMode,
     (sampling, samples): (&Sampling, u32),
 ) -> Result<Option<u32>, Error> {
-    if !args.directional && run.directional != Some(true) {
+    let asked = args.directional || run.directional == Some(true);
+    if !force.word(Effect::Lightmaps).map_or(asked, |word| word == "directional") {
         return Ok(None);
     }
     if media == MediaMode::Table {
@@ -211,6 +229,7 @@ fn directional(
 fn probes(
     args: ProbeArgs,
     run: &RunConfig,
+    force: &Force,
     quality: Quality,
     sampling: &Sampling,
 ) -> Result<Option<Probes>, Error> {
@@ -219,9 +238,10 @@ fn probes(
         (given, _) => given.unwrap_or(ProbesArg::L2),
     };
     let basis = match basis {
-        ProbesArg::Off => return Ok(None),
+        _ if force.word(Effect::Probes) == Some("off") => return Ok(None),
+        ProbesArg::Off if force.word(Effect::Probes) != Some("on") => return Ok(None),
         ProbesArg::L1 => Basis::L1,
-        ProbesArg::L2 => Basis::L2,
+        ProbesArg::Off | ProbesArg::L2 => Basis::L2,
         ProbesArg::L3 => Basis::L3,
         ProbesArg::Zh3 => Basis::Zh3,
     };
@@ -295,7 +315,8 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
         (None, Some(text)) => word(text, "run.seams")?,
         (None, None) => OnOff::On,
     };
-    let media = media(args.media, run, scene)?;
+    let force = force(&args.force, run)?;
+    let media = media(args.media, run, &force, scene)?;
     let quality = self::quality(quality);
     let texels_per_metre = args.texels_per_metre.or(run.texels_per_metre).or(scene.texels_per_metre);
     if let Some(d) = texels_per_metre
@@ -308,13 +329,20 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
         Sampling::Exact(n) => n,
         _ => quality.samples(),
     };
-    let directional = directional(args, run, media, (&sampling, samples))?;
-    let probes = probes(args.probes, run, quality, &sampling)?;
+    let directional = directional(args, run, &force, media, (&sampling, samples))?;
+    let probes = probes(args.probes, run, &force, quality, &sampling)?;
+    let irradiance_cache =
+        force.word(Effect::Cache).map_or(args.irradiance_cache == OnOff::On, |word| word == "on");
+    let bounces = args.bounces.or(run.bounces);
+    if force.word(Effect::Cache) == Some("on") && (bounces.is_some() || media == MediaMode::Reference) {
+        let what = "--force cache=on: a limit of reflections or --media reference rules the cache out";
+        return Err(Error::Usage(what.to_owned()));
+    }
     Ok(Settings {
         quality,
         samples,
         sampling,
-        bounces: args.bounces.or(run.bounces),
+        bounces,
         texels_per_metre,
         max_size: args.max_size.or(run.max_size).unwrap_or(4096),
         padding: 2,
@@ -331,23 +359,25 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
         directional,
         probes,
         seed: args.seed.or(run.seed).unwrap_or(0),
-        irradiance_cache: args.irradiance_cache == OnOff::On,
+        irradiance_cache,
         split_direct: args.split_direct,
         texture: match texture {
             TextureArg::Bc6h => Some(TextureFormat::Bc6h),
             TextureArg::Rgba16f => Some(TextureFormat::Rgba16f),
             TextureArg::None => None,
         },
-        denoise: denoise(args.denoise, run)?,
-        seams: seams == OnOff::On,
+        denoise: denoise(args.denoise, run, &force)?,
+        seams: force.word(Effect::Seams).map_or(seams == OnOff::On, |word| word == "on"),
+        force,
     })
 }
 
 /// Whether lightmaps are denoised: by the command line, else the configuration file.
-fn denoise(arg: Option<DenoiseArg>, run: &RunConfig) -> Result<Denoise, Error> {
-    let arg = match (arg, &run.denoise) {
-        (None, Some(text)) => word(text, "run.denoise")?,
-        (given, _) => given.unwrap_or(DenoiseArg::Off),
+fn denoise(arg: Option<DenoiseArg>, run: &RunConfig, force: &Force) -> Result<Denoise, Error> {
+    let arg = match (force.word(Effect::Denoise), arg, &run.denoise) {
+        (Some(text), ..) => word(text, "force")?,
+        (None, None, Some(text)) => word(text, "run.denoise")?,
+        (None, given, _) => given.unwrap_or(DenoiseArg::Off),
     };
     Ok(match arg {
         DenoiseArg::Off => Denoise::Off,

@@ -8,6 +8,7 @@ use crate::cli::replay;
 use crate::cli::say::{self, Interrupt, Style};
 use crate::error::{Error, Finding, Severity};
 use crate::plan::{self, MediaMode, Quality, Tracing};
+use crate::scene::config::RunConfig;
 use crate::solve::Monitor;
 use crate::solve::accumulate::Kind;
 use crate::solve::light_grid::Gathering;
@@ -32,7 +33,7 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
     };
     let mut file = read(&args.points)?;
     let points = parse(&file, &args.points)?;
-    let input = input::load(&scene_args)?;
+    let mut input = input::load(&scene_args)?;
     say::findings(&input.findings, false);
     plan::admit(&input.findings)?;
     let quality = match (args.quality, &input.run.quality) {
@@ -46,9 +47,16 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
         .build()
         .map_err(|e| Error::Usage(format!("cannot start the threads: {e}")))?;
     let monitor = Monitor::default();
-    let media = input::media(args.media, &input.run, &input.scene)?;
+    let force = input::force(&args.force, &input.run)?;
+    // A file may speak of stages, because it is shared with bakes.
+    if let Some(stage) = input::force(&args.force, &RunConfig::default())?.effects().find(|e| e.is_stage()) {
+        return Err(Error::Usage(format!("--force {}=...: bake points has no such stage", stage.word())));
+    }
+    let media = input::media(args.media, &input.run, &force, &input.scene)?;
+    say::findings(&force.leave_out(&mut input.scene), false);
     let direct = input::direct(args.direct, &input.run)?;
-    let tracing = Tracing::tuned(&input.scene, media, direct, &input::tuning(&args.tuning))?;
+    let tuning = input::tuning(&args.tuning);
+    let tracing = Tracing::tuned(&input.scene, media, direct, &tuning, &force)?;
     let kernel = Kernel::new(&input.scene, &tracing, args.bounces.or(input.run.bounces), media);
     let seed = args.seed.or(input.run.seed).unwrap_or(0);
     let receivers: Vec<_> = points.iter().map(|&(p, n)| points::place(&kernel, p, n)).collect();

@@ -3,14 +3,14 @@
 #![expect(clippy::print_stdout, reason = "the plan is the command's result")]
 
 use crate::cli::args::PlanArgs;
-use crate::cli::bake_run::check_spacing;
+use crate::cli::bake_run::{check_spacing, denoise_seconds, seam_seconds};
 use crate::cli::input;
 use crate::cli::prepare::{cells, effort, kernel, learn, wanted_probes};
 use crate::cli::say::{self, Interrupt, Style};
 use crate::error::Error;
 use crate::geom::texel::TexelMap;
 use crate::plan::settings::Fineness;
-use crate::plan::{self, Memory, Plan};
+use crate::plan::{self, Decision, Effect, Memory, Plan};
 use crate::solve::light_grid::Gathering;
 use crate::solve::probes::{Probing, Wanted};
 use crate::solve::{Monitor, lightmap};
@@ -33,9 +33,11 @@ pub(crate) fn run(args: &PlanArgs, interrupt: &Interrupt) -> Result<ExitCode, Er
         .num_threads(args.work.threads.or(input.run.threads).unwrap_or(0) as usize)
         .build()
         .map_err(|e| Error::Usage(format!("cannot start the threads: {e}")))?;
+    let n_loaded = input.findings.len();
     Style::new(args.work.progress).stage("unwrap", &format!("{} surfaces", input.scene.surfaces.len()));
     let plan =
         pool.install(|| plan::make(input.scene, input.findings, settings, &|_, _| !interrupt.raised()))?;
+    say::findings(&plan.findings()[n_loaded..], args.explain);
     pool.install(|| check_spacing(&plan))?;
     let cost = pool.install(|| Cost::measure(&plan))?;
     let memory = pool.install(|| plan.memory(&input.document));
@@ -53,6 +55,8 @@ struct Cost {
     /// `None` where it turns out only while baking.
     paths: Option<u64>,
     seconds: Option<f64>,
+    /// Seconds of stages of their own, by the effect that asks for them.
+    stages: Vec<(Effect, f64)>,
 }
 
 /// Paths in each texel that is timed: enough that what every texel does once weighs little, as in a bake.
@@ -97,17 +101,37 @@ impl Cost {
         }
         let paths_per_second = paths.max(1) as f64 / seconds.max(1e-9);
         let all = plan.settings().paths(covered);
+        let directional = plan.settings().directional.map_or(0, |n| covered * u64::from(n));
+        let stages = vec![
+            (Effect::Media, grid_seconds),
+            (Effect::Cache, cache_seconds),
+            (Effect::Probes, probe_seconds),
+            (Effect::Lightmaps, directional as f64 / paths_per_second),
+            (Effect::Denoise, denoise_seconds(plan, covered)),
+            (Effect::Seams, seam_seconds(plan)),
+        ];
         Ok(Self {
             covered,
             paths: all,
             seconds: all.map(|n| grid_seconds + cache_seconds + probe_seconds + n as f64 / paths_per_second),
+            stages,
         })
+    }
+
+    /// What an effect takes: seconds where it is a stage, else that it is part of sampling, or nothing.
+    fn of(&self, decision: &Decision) -> (String, Option<f64>) {
+        let stage = self.stages.iter().find(|s| Some(s.0.word()) == decision.effect).map(|s| s.1);
+        match stage {
+            Some(seconds) if decision.runs && 0.0 < seconds => (say::duration(seconds), Some(seconds)),
+            _ if decision.runs => ("in sampling".to_owned(), None),
+            _ => ("nothing".to_owned(), Some(0.0)),
+        }
     }
 
     /// A light grid of few paths, and about how long the whole one will take, seconds.
     fn light_grid(plan: &Plan, kernel: &Kernel<'_>) -> Result<(Option<LightGrid>, f64), Error> {
         let settings = plan.settings();
-        let Some(all) = settings.light_grid().filter(|_| kernel.media.is_some()) else {
+        let Some(all) = settings.light_grid().filter(|_| kernel.media().is_some()) else {
             return Ok((None, 0.0));
         };
         let few = Fineness { paths: all.paths.min(FEW_FROM_NODES), ..all };
@@ -154,9 +178,17 @@ impl Cost {
 /// See [`Cost::probes`].
 const FEW_FROM_PROBES: u32 = 16;
 
+/// A decision as data, with what it takes on this scene and what not running the general kernel saves.
+fn decision(decision: &Decision, cost: &Cost) -> Value {
+    let mut value = serde_json::to_value(decision).unwrap_or_default();
+    value["cost_seconds"] = json!(cost.of(decision).1);
+    value["saves_percent"] = json!(decision.saves.map(|s| s.percent()));
+    value
+}
+
 fn to_json(plan: &Plan, cost: &Cost, memory: &Memory) -> Value {
     json!({
-        "effects": plan.effects(),
+        "effects": plan.effects().iter().map(|d| decision(d, cost)).collect::<Vec<_>>(),
         "settings": plan.settings().to_map(),
         "pages": plan.atlas().pages.iter().map(|p| json!({"width": p.width, "height": p.height})).collect::<Vec<_>>(),
         "texels_per_metre": plan.atlas().texels_per_metre,
@@ -171,11 +203,28 @@ fn to_json(plan: &Plan, cost: &Cost, memory: &Memory) -> Value {
     })
 }
 
-fn print(plan: &Plan, cost: &Cost, memory: &Memory, explain: bool, units: &str, lights: &str) {
-    println!("what the scene contains");
-    for e in plan.effects() {
-        println!("  {} {:<28} {}", if e.runs { "runs" } else { "off " }, e.name, e.why);
+/// One line for each effect, and with `explain` one more for why.
+fn print_effects(effects: &[Decision], cost: &Cost, explain: bool) {
+    println!(
+        "effects (saves: what the kernel saves of a bake against the general one, in a scene where sampling is all)"
+    );
+    println!("  {:<26} {:<18} {:<11} {:>7}  in this scene", "effect", "kernel", "cost", "saves");
+    for e in effects {
+        let forced = if e.forced { "!" } else { "" };
+        let saves = e.saves.map_or_else(|| "-".to_owned(), |s| format!("{:.1} %", s.percent()));
+        let kernel = format!("{}{forced}", e.kernel);
+        println!("  {:<26} {kernel:<18} {:<11} {saves:>7}  {}", e.name, cost.of(e).0, e.why);
+        if explain {
+            println!("      {}", e.explanation);
+        }
     }
+    if effects.iter().any(|e| e.forced) {
+        println!("  ! asked for by --force");
+    }
+}
+
+fn print(plan: &Plan, cost: &Cost, memory: &Memory, explain: bool, units: &str, lights: &str) {
+    print_effects(&plan.effects(), cost, explain);
     if !lights.is_empty() {
         print!("lights, read as {units}\n{lights}");
     }

@@ -18,6 +18,28 @@ pub struct Shade {
     pub cover: f32,
 }
 
+/// What a ray has to know of the surface that it meets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Met {
+    /// The material at the point.
+    pub shade: Shade,
+    /// Both sides reflect and emit.
+    pub double_sided: bool,
+    /// It does not count as a light.
+    pub unlit: bool,
+}
+
+/// Whether a material is the same all over a surface: no texture and no colour of corners changes it.
+#[must_use]
+pub fn is_constant(scene: &Scene, surface: usize) -> bool {
+    let s = &scene.surfaces[surface];
+    let m = &scene.materials[s.material];
+    let textured = m.base_color_texture.is_some()
+        || (m.emission != Vec3::ZERO && m.emission_texture.is_some())
+        || (0.0 < m.transmission && m.transmission_texture.is_some());
+    !textured && scene.meshes[s.mesh].colors.is_empty()
+}
+
 /// How the tree has to treat a surface with this material.
 #[must_use]
 pub fn opacity(scene: &Scene, surface: usize) -> Opacity {
@@ -26,6 +48,36 @@ pub fn opacity(scene: &Scene, surface: usize) -> Opacity {
 }
 
 impl World {
+    /// Keeps what every point of a surface is alike in, so that hits look up nothing else. Only for scenes all of whose surfaces are
+    /// [`is_constant`].
+    pub fn keep_constant(&mut self, scene: &Scene) {
+        let first =
+            |s: usize| (self.first_triangle[s] < self.first_triangle[s + 1]).then(|| self.first_triangle[s]);
+        let unseen = Met {
+            shade: Shade { albedo: Vec3::ZERO, emission: Vec3::ZERO, pass: Vec3::ZERO, cover: 0.0 },
+            double_sided: false,
+            unlit: false,
+        };
+        let of = |s: usize| first(s).map_or(unseen, |t| self.met_anywhere(scene, t, [1.0, 0.0, 0.0]));
+        self.constant = (0..scene.surfaces.len()).map(of).collect();
+    }
+
+    /// What a ray meets at a point of a triangle.
+    #[must_use]
+    #[inline]
+    pub fn met(&self, scene: &Scene, triangle: u32, bary: [f32; 3]) -> Met {
+        match self.constant.get(self.surface(triangle)) {
+            Some(met) => *met,
+            None => self.met_anywhere(scene, triangle, bary),
+        }
+    }
+
+    fn met_anywhere(&self, scene: &Scene, triangle: u32, bary: [f32; 3]) -> Met {
+        let m = self.material(scene, triangle);
+        let shade = self.shade(scene, triangle, bary);
+        Met { shade, double_sided: m.double_sided, unlit: m.unlit }
+    }
+
     /// Evaluates the material at a point of a triangle.
     #[must_use]
     pub fn shade(&self, scene: &Scene, triangle: u32, bary: [f32; 3]) -> Shade {

@@ -1,6 +1,7 @@
 //! All triangles of a scene in one list, in world space.
 
 use crate::geom::ray::offset_distance;
+use crate::geom::shade::Met;
 use crate::scene::model::{Rgb, Scene};
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A};
 
@@ -14,6 +15,8 @@ pub struct World {
     pub origin: Vec3,
     /// Every triangle of every surface, in the order of the surfaces.
     faces: Vec<Face>,
+    /// What rays meet on each surface, where that is the same all over it; else empty.
+    pub(super) constant: Vec<Met>,
     /// Index of each surface's first triangle; one entry more than there are surfaces.
     pub first_triangle: Vec<u32>,
     /// Half the largest extent of the bounds, metres.

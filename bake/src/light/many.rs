@@ -65,6 +65,17 @@ pub enum Selection {
     Tree,
 }
 
+/// What becomes of `n` lights of a kind of which up to `few` are weighed one by one.
+#[must_use]
+pub fn selection(direct: Direct, n: usize, few: usize) -> Selection {
+    match direct {
+        _ if n == 0 => Selection::Weighed,
+        Direct::All => Selection::All,
+        Direct::Auto if n <= few => Selection::Weighed,
+        _ => Selection::Tree,
+    }
+}
+
 /// Lights of [`ManyLights`] that may be chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Among {

@@ -10,11 +10,11 @@ pub mod sky_guide;
 pub mod tree;
 
 use crate::geom::World;
-use crate::scene::model::{LightKind, LightMode, Scene};
+use crate::scene::model::{LightKind, LightMode, Scene, Surface};
 pub use beams::Beams;
 pub use emitters::Emitters;
-use glam::Vec3A;
-pub use many::{Direct, ManyLights, Selection};
+use glam::{Vec3, Vec3A};
+pub use many::{Direct, ManyLights, Selection, selection};
 use many::{FEW_EMITTERS, FEW_LAMPS};
 pub use punctual::{Punctual, Sun};
 pub use sky::SkyLight;
@@ -40,6 +40,34 @@ pub struct Lights {
     pub many: Option<ManyLights>,
     /// How many of many texels ask at once.
     pub asked_at_once: usize,
+    /// Which of the small kernels run.
+    pub small: SmallLights,
+}
+
+/// Which of the small kernels run for lights: those that leave out what is not there, unless a larger one is forced, which gives the same.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SmallLights {
+    /// Nobody asks for suns.
+    pub no_suns: bool,
+    /// Nobody asks for lamps.
+    pub no_lamps: bool,
+    /// There is one lamp, which need not be chosen.
+    pub one_lamp: bool,
+    /// Nobody asks for emissive triangles, and surfaces that are hit are not asked whether they shine.
+    pub no_emission: bool,
+    /// Rays that leave the scene bring nothing.
+    pub black_sky: bool,
+    /// The sky is no image, which would be asked for its bright parts.
+    pub no_image: bool,
+}
+
+/// How lights are chosen in place of what [`Direct`] would do; `None` leaves it to that.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Choosing {
+    /// Lamps.
+    pub lamps: Option<Selection>,
+    /// Emissive triangles.
+    pub emitters: Option<Selection>,
 }
 
 impl Lights {
@@ -90,6 +118,12 @@ impl Lights {
     /// Gathers the lights of a scene.
     #[must_use]
     pub fn new(scene: &Scene, world: &World, direct: Direct) -> Self {
+        Self::chosen(scene, world, direct, Choosing::default())
+    }
+
+    /// The same with another way to choose among them.
+    #[must_use]
+    pub fn chosen(scene: &Scene, world: &World, direct: Direct, choosing: Choosing) -> Self {
         let (mut punctual, mut suns) = (Vec::new(), Vec::new());
         for light in scene.lights.iter().filter(|l| l.mode != LightMode::Dynamic) {
             match light.kind {
@@ -100,21 +134,31 @@ impl Lights {
             }
         }
         let emitters = Emitters::new(scene, world);
-        let by = |n: usize, few: usize| match direct {
-            _ if n == 0 => Selection::Weighed,
-            Direct::All => Selection::All,
-            Direct::Auto if n <= few => Selection::Weighed,
-            _ => Selection::Tree,
-        };
-        let lamps_by = by(punctual.len(), FEW_LAMPS);
-        let emitters_by = by(emitters.len(), FEW_EMITTERS);
+        let forced = |wish: Option<Selection>, n: usize| wish.filter(|_| 0 < n);
+        let lamps_by = forced(choosing.lamps, punctual.len())
+            .unwrap_or_else(|| selection(direct, punctual.len(), FEW_LAMPS));
+        let emitters_by = forced(choosing.emitters, emitters.len())
+            .unwrap_or_else(|| selection(direct, emitters.len(), FEW_EMITTERS));
         let many = ManyLights::new(
             direct,
             (lamps_by == Selection::Tree).then_some(punctual.as_slice()),
             (emitters_by == Selection::Tree).then_some(&emitters),
         );
         let sky = SkyLight::new(&scene.sky);
+        let shines = |s: &Surface| {
+            let m = &scene.materials[s.material];
+            m.emission != Vec3::ZERO && !m.unlit
+        };
+        let small = SmallLights {
+            no_suns: suns.is_empty(),
+            no_lamps: punctual.is_empty(),
+            one_lamp: punctual.len() == 1 && lamps_by == Selection::Weighed,
+            // What shines beyond all numbers is no emitter and found by chance.
+            no_emission: emitters.is_empty() && !scene.surfaces.iter().any(shines),
+            black_sky: sky.is_black(),
+            no_image: !sky.is_sampled(),
+        };
         let asked_at_once = many::SEVERAL as usize;
-        Self { punctual, suns, emitters, sky, lamps_by, emitters_by, many, asked_at_once }
+        Self { punctual, suns, emitters, sky, lamps_by, emitters_by, many, asked_at_once, small }
     }
 }

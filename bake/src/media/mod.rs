@@ -24,6 +24,20 @@ pub struct Media {
     bodies: Vec<Body>,
     /// Whether they are what [`Media::smoothed`] makes of them.
     smooth: bool,
+    small: Small,
+}
+
+/// Which of the small kernels run for media; [`Small::default`] runs the general ones, which give the same for any media.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Small {
+    /// All channels of each medium are alike: one optical depth, one exponential and one response do for three.
+    pub grey: bool,
+    /// Nothing scatters forwards or backwards: the phase function is a number, and of light at a node the mean does.
+    pub isotropic: bool,
+    /// One medium of constant density, not bounded by a mesh: what a ray crosses is one interval in closed form.
+    pub constant: bool,
+    /// Nothing absorbs: what is lost is what is scattered.
+    pub lossless: bool,
 }
 
 /// One of them.
@@ -123,7 +137,44 @@ impl Media {
             .filter(|m| m.sigma_s + m.sigma_a != Vec3::ZERO)
             .map(|m| Body::new(m, origin))
             .collect();
-        (!bodies.is_empty()).then_some(Self { bodies, smooth: false })
+        let mut media = Self { bodies, smooth: false, small: Small::default() };
+        media.small = media.smallest();
+        (!media.is_empty()).then_some(media)
+    }
+
+    /// The small kernels that are right for them.
+    #[must_use]
+    pub fn smallest(&self) -> Small {
+        let b = &self.bodies;
+        let one = |b: &Body| matches!(b.density, Density::Constant) && !matches!(b.shape, Shape::Mesh(_));
+        Small {
+            grey: self.channels() == 1,
+            isotropic: b.iter().all(|b| b.sigma_s == Vec3::ZERO || b.g == 0.0),
+            constant: b.len() == 1 && b.iter().all(one),
+            lossless: b.iter().all(|b| b.sigma_a == Vec3::ZERO),
+        }
+    }
+
+    /// Which of the small kernels run.
+    #[must_use]
+    pub fn small(&self) -> Small {
+        self.small
+    }
+
+    /// Leaves out small kernels that are not in `among`.
+    pub fn allow(&mut self, among: Small) {
+        self.small = Small {
+            grey: self.small.grey && among.grey,
+            isotropic: self.small.isotropic && among.isotropic,
+            constant: self.small.constant && among.constant,
+            lossless: self.small.lossless && among.lossless,
+        };
+    }
+
+    /// Whether there are none, and nothing weakens light.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.bodies.is_empty()
     }
 
     /// Media that let the forward peak of the phase function pass as if it were not scattered, which leaves a phase function of three bands
@@ -136,7 +187,7 @@ impl Media {
             let g = if 0.0 < b.g { (b.g - peak) / (1.0 - peak) } else { b.g };
             Body { sigma_s: b.sigma_s * (1.0 - peak), g, ..b.clone() }
         });
-        Self { bodies: bodies.collect(), smooth: true }
+        Self { bodies: bodies.collect(), smooth: true, small: self.small }
     }
 
     /// Bands 1 and 2 of the phase function with the mean cosine `g`.
@@ -155,6 +206,9 @@ impl Media {
     #[must_use]
     #[inline]
     pub fn phase(&self, g: f32, x: f32) -> f32 {
+        if self.small.isotropic {
+            return 0.25 * FRAC_1_PI;
+        }
         if !self.smooth || g <= 0.0 {
             return henyey_greenstein(g, x);
         }
@@ -197,10 +251,10 @@ impl Media {
     #[must_use]
     #[inline]
     pub fn plain(&self, origin: Vec3A, direction: Vec3A, t_max: f32) -> Option<(f32, f32, Coefficients)> {
-        let [b] = self.bodies.as_slice() else { return None };
-        if !matches!(b.density, Density::Constant) {
+        if !self.small.constant {
             return None;
         }
+        let [b] = self.bodies.as_slice() else { return None };
         let (from, to) = b.span(origin, direction, t_max)?;
         Some((from, to, Coefficients { sigma_s: b.sigma_s, sigma_t: b.sigma_s + b.sigma_a, g: b.g }))
     }
@@ -220,13 +274,13 @@ impl Media {
     #[inline]
     pub fn optical_depth(&self, origin: Vec3A, direction: Vec3A, t_max: f32) -> Rgb {
         if let Some((from, to, c)) = self.plain(origin, direction, t_max) {
-            return along(c.sigma_t, to - from);
+            return self.along(c.sigma_t, to - from);
         }
         let mut depth = Vec3::ZERO;
         for b in &self.bodies {
             let metres = b.metres(origin, direction, t_max);
             if 0.0 < metres {
-                depth += along(b.sigma_s + b.sigma_a, metres);
+                depth += self.along(b.sigma_s + b.sigma_a, metres);
             }
         }
         depth
@@ -239,8 +293,10 @@ impl Media {
         for b in &self.bodies {
             let metres = b.metres(origin, direction, t_max);
             if 0.0 < metres {
-                let scattering = along(b.sigma_s, metres);
-                out.optical_depth += scattering + along(b.sigma_a, metres);
+                let scattering = self.along(b.sigma_s, metres);
+                let lossless = self.small.lossless;
+                out.optical_depth +=
+                    if lossless { scattering } else { scattering + self.along(b.sigma_a, metres) };
                 out.scattering += scattering;
                 out.forward += if b.g == 0.0 { 0.0 } else { b.g * scattering.element_sum() };
             }
@@ -251,7 +307,23 @@ impl Media {
     /// What is left of light along a ray's first `t_max` metres.
     #[must_use]
     pub fn transmittance(&self, origin: Vec3A, direction: Vec3A, t_max: f32) -> Rgb {
-        attenuated(self.optical_depth(origin, direction, t_max))
+        self.attenuated(self.optical_depth(origin, direction, t_max))
+    }
+
+    /// [`along`], once where all channels are alike.
+    #[inline]
+    pub(crate) fn along(&self, sigma: Rgb, length: f32) -> Rgb {
+        if self.small.grey {
+            Vec3::splat(if 0.0 < sigma.x { sigma.x * length } else { 0.0 })
+        } else {
+            along(sigma, length)
+        }
+    }
+
+    /// What an optical depth leaves of light.
+    #[inline]
+    pub(crate) fn attenuated(&self, depth: Rgb) -> Rgb {
+        if self.small.grey { Vec3::splat((-depth.x).exp()) } else { attenuated(depth) }
     }
 
     /// The segments of a ray's first `t_max` metres that hold a medium, in order.

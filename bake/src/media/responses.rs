@@ -37,14 +37,20 @@ pub struct Responses {
 
 impl Responses {
     /// Adds up tables for `media`, in a scene whose points lie within `radius` metres; `None` if nothing scatters. The tables are those
-    /// of `file`, else the embedded ones; of their bands the first `order` count.
+    /// of `file`, else the embedded ones; of their bands the first `order` count. With `any_albedo` they stay apart by albedo even where media have
+    /// one alone.
     ///
     /// A file that lacks the sum of all orders, as that of \[IR19\] does, gives the first ten.
     ///
     /// # Errors
     ///
     /// If the file cannot be read or lacks a table.
-    pub fn new(media: &Media, radius: f32, file: Option<&Path>, order: usize) -> Result<Option<Self>, Error> {
+    pub fn new(
+        media: &Media,
+        radius: f32,
+        any_albedo: bool,
+        (file, order): (Option<&Path>, usize),
+    ) -> Result<Option<Self>, Error> {
         let scattering = || media.bodies.iter().filter(|b| b.sigma_s != Vec3::ZERO);
         if scattering().next().is_none() {
             return Ok(None);
@@ -59,7 +65,7 @@ impl Responses {
             let albedo = b.sigma_s / (b.sigma_s + b.sigma_a);
             albedo.to_array().into_iter().filter(|a| a.is_finite())
         });
-        let albedo = range(&mut albedos.into_iter());
+        let albedo = if any_albedo { Range { from: 0.0, to: 1.0 } } else { range(&mut albedos.into_iter()) };
         let thinnest =
             scattering().map(|b| (b.sigma_s + b.sigma_a).max_element()).fold(f32::INFINITY, f32::min);
         let name = file.map_or_else(|| "the embedded tables".to_owned(), |f| f.display().to_string());
@@ -83,7 +89,7 @@ impl Responses {
             lamp: combined(Emitter::Point, of(Emitter::Point))?,
             sun: combined(Emitter::Directional, ten)?,
             patch: patch.truncated(order),
-            grey: media.bodies.iter().all(|b| is_grey(b.sigma_s) && is_grey(b.sigma_a)),
+            grey: media.small.grey,
             reach: (MEAN_FREE_PATHS / thinnest).min(2.0 * radius),
             clamped: AtomicU64::new(0),
             grown: AtomicU64::new(0),
@@ -176,7 +182,3 @@ const MOST_GAIN: f32 = 1e3;
 
 /// See [`Responses::reach`]: light of surfaces farther away has been scattered and absorbed so often that it may be noisy.
 const MEAN_FREE_PATHS: f32 = 6.0;
-
-fn is_grey(colour: Rgb) -> bool {
-    colour.x == colour.y && colour.y == colour.z
-}

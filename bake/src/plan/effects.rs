@@ -1,25 +1,97 @@
 //! What a scene contains, and what runs because of it.
 
 use crate::light::many::EVERY_LAMP;
-use crate::light::{Direct, Lights, Selection};
-use crate::plan::settings::{MediaMode, Settings};
+use crate::light::{Direct, Selection};
+use crate::plan::Tracing;
+use crate::plan::kernels::{Choice, Effect};
+use crate::plan::settings::{Denoise, MediaMode, Settings};
 use crate::scene::model::{AlphaMode, LightMode, LightmapMode, Scene};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
 
-/// One effect that the baker knows.
+/// One effect that the baker knows, and what was decided about it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Effect {
+pub struct Decision {
     /// Name.
     pub name: &'static str,
+    /// Its name in `--force`; `None` where nothing but a branch depends on it.
+    pub effect: Option<&'static str>,
     /// Whether something runs for it.
     pub runs: bool,
     /// What the scene has of it, and what follows.
     pub why: String,
+    /// Name of the kernel that runs.
+    pub kernel: &'static str,
+    /// All its kernels, from the smallest to the general one.
+    pub kernels: &'static [&'static str],
+    /// The kernel was asked for by name.
+    pub forced: bool,
+    /// Why it runs, what would change that, and what undoes it.
+    pub explanation: String,
+    /// What not running the general kernel saves of the instructions of a bake, measured on a small scene without the effect; `None` where the general
+    /// kernel runs or nothing was measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub saves: Option<Saving>,
 }
+
+/// A row of the table that `tests/tests/effects.rs` measures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Saving {
+    /// Instructions of a bake with the small kernel.
+    pub chosen: u64,
+    /// With the general one.
+    pub general: u64,
+}
+
+impl Saving {
+    /// The part of the instructions that is saved, in %.
+    #[must_use]
+    pub fn percent(&self) -> f64 {
+        100.0 * (1.0 - self.chosen as f64 / self.general as f64)
+    }
+}
+
+/// What a kernel saves against the general one, if that was measured.
+#[must_use]
+pub fn saving(effect: Effect, kernel: usize) -> Option<Saving> {
+    static TABLE: LazyLock<BTreeMap<String, Saving>> =
+        LazyLock::new(|| serde_json::from_str(include_str!("savings.json")).unwrap_or_default());
+    TABLE.get(&format!("{}={}", effect.word(), effect.kernels()[kernel])).copied()
+}
+
+/// What settings and not the scene decide: the number of the smallest kernel that does, and why.
+fn stage(effect: Effect, settings: &Settings) -> (usize, String) {
+    let asked = |on: bool| if on { "settings ask for it" } else { "settings do not ask for it" };
+    let (kernel, because) = match effect {
+        Effect::Lightmaps => {
+            (usize::from(settings.directional.is_some()), asked(settings.directional.is_some()))
+        }
+        Effect::Cache if settings.irradiance_cache && !settings.caches() => {
+            (0, "a limit of reflections or media as `reference` follows them rules it out")
+        }
+        Effect::Cache => (usize::from(settings.caches()), asked(settings.caches())),
+        Effect::Probes => (usize::from(settings.probes.is_some()), asked(settings.probes.is_some())),
+        Effect::Denoise => {
+            let k = match settings.denoise {
+                Denoise::Off => 0,
+                Denoise::Draft => 1,
+                Denoise::Final => 2,
+            };
+            (k, asked(0 < k))
+        }
+        _ => (usize::from(settings.seams), asked(settings.seams)),
+    };
+    (kernel, because.to_owned())
+}
+
+/// Rows without kernels: whether something runs says it all.
+const PLAIN: &[&str] = &["none", "there"];
 
 /// All effects, those that run and those that do not.
 #[must_use]
-pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> {
+pub fn list(scene: &Scene, tracing: &Tracing, settings: &Settings) -> Vec<Decision> {
+    let lights = &tracing.lights;
     let used = |f: &dyn Fn(&crate::scene::model::Material) -> bool| {
         scene.surfaces.iter().filter(|s| f(&scene.materials[s.material])).count()
     };
@@ -35,7 +107,39 @@ pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> 
         1 => format!("1 {what}"),
         n => format!("{n} {what}s"),
     };
-    let effect = |name, runs, why| Effect { name, runs, why };
+    let plain = |name, runs: bool, why: String| Decision {
+        name,
+        effect: None,
+        runs,
+        explanation: format!("{}.", why.trim_end_matches('.')),
+        why,
+        kernel: PLAIN[usize::from(runs)],
+        kernels: PLAIN,
+        forced: false,
+        saves: None,
+    };
+    let effect = |effect: Effect, name, runs, why| {
+        let stage = || Choice::new(effect, stage(effect, settings), &settings.force);
+        let choice =
+            tracing.kernels.list().iter().find(|c| c.effect == effect).cloned().unwrap_or_else(stage);
+        Decision {
+            name,
+            effect: Some(effect.word()),
+            runs,
+            why,
+            kernel: choice.word(),
+            kernels: effect.kernels(),
+            forced: choice.forced,
+            explanation: choice.explain(),
+            saves: saving(effect, choice.kernel),
+        }
+    };
+    // What of the kernels that the scene decides has no more to say than what decided.
+    let told = |effect_, name| {
+        let choice = tracing.kernels.list().iter().find(|c| c.effect == effect_);
+        let (needed, because) = choice.map_or((0, String::new()), |c| (c.needed, c.because.clone()));
+        effect(effect_, name, 0 < needed, because)
+    };
     let from_tree = match settings.direct {
         Direct::Auto => ": many, chosen from a tree (stochastic lightcuts)",
         Direct::Lightcuts => ", chosen from a tree (stochastic lightcuts)",
@@ -43,6 +147,7 @@ pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> 
     };
     vec![
         effect(
+            Effect::Lamps,
             "point and spot lights",
             !lights.punctual.is_empty(),
             count(lights.punctual.len(), "light")
@@ -55,8 +160,9 @@ pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> 
                     (_, Selection::Tree) => from_tree,
                 },
         ),
-        effect("suns", !lights.suns.is_empty(), count(lights.suns.len(), "directional light")),
+        effect(Effect::Suns, "suns", !lights.suns.is_empty(), count(lights.suns.len(), "directional light")),
         effect(
+            Effect::Emission,
             "emissive surfaces",
             0 < emitters,
             count(emitters, "emissive triangle")
@@ -67,6 +173,7 @@ pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> 
                 },
         ),
         effect(
+            Effect::Sky,
             "sky",
             !lights.sky.is_black(),
             if lights.sky.is_sampled() {
@@ -77,17 +184,18 @@ pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> 
                 "smooth, found by the directions that surfaces sample".to_owned()
             },
         ),
-        effect("alpha masks", 0 < masked, count(masked, "surface") + " tested at every hit"),
-        effect(
+        plain("alpha masks", 0 < masked, count(masked, "surface") + " tested at every hit"),
+        plain(
             "blending and transmission",
             0 < see_through,
             count(see_through, "surface") + " letting light straight through",
         ),
-        effect("unlit surfaces", 0 < unlit, count(unlit, "surface") + " without texels"),
-        effect("surfaces without lightmap", 0 < off, count(off, "surface") + " lit at run time"),
-        effect("mixed lights", 0 < mixed, count(mixed, "light") + " of which only indirect light is baked"),
-        effect("dynamic lights", false, count(dynamic, "light") + " left to the game"),
+        plain("unlit surfaces", 0 < unlit, count(unlit, "surface") + " without texels"),
+        plain("surfaces without lightmap", 0 < off, count(off, "surface") + " lit at run time"),
+        plain("mixed lights", 0 < mixed, count(mixed, "light") + " of which only indirect light is baked"),
+        plain("dynamic lights", false, count(dynamic, "light") + " left to the game"),
         effect(
+            Effect::Cache,
             "irradiance cache",
             settings.caches(),
             match (settings.irradiance_cache, settings.bounces) {
@@ -97,6 +205,7 @@ pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> 
             },
         ),
         effect(
+            Effect::Lightmaps,
             "directional lightmaps",
             settings.directional.is_some(),
             match settings.directional {
@@ -105,6 +214,7 @@ pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> 
             },
         ),
         effect(
+            Effect::Probes,
             "light probes",
             settings.probes.is_some(),
             match (settings.probes, &scene.probe_boxes) {
@@ -123,6 +233,7 @@ pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> 
             },
         ),
         effect(
+            Effect::Media,
             "media",
             !scene.media.is_empty() && settings.media != MediaMode::Off,
             match (scene.media.len(), settings.media) {
@@ -147,6 +258,29 @@ pub fn list(scene: &Scene, lights: &Lights, settings: &Settings) -> Vec<Effect> 
                 }
                 (n, MediaMode::Reference) => format!("{n}, scattering paths"),
             },
+        ),
+        told(Effect::MediaColour, "colour of media"),
+        told(Effect::MediaAlbedo, "albedo of media"),
+        told(Effect::Absorption, "absorption"),
+        told(Effect::Phase, "phase function"),
+        told(Effect::Density, "density of media"),
+        told(Effect::Opacity, "opacity"),
+        told(Effect::Textures, "textures"),
+        told(Effect::Traversal, "plain loops for rays"),
+        effect(
+            Effect::Denoise,
+            "denoising",
+            settings.denoise != Denoise::Off,
+            match settings.denoise {
+                Denoise::Off => "not asked for (--denoise)".to_owned(),
+                other => format!("{}: each texel a mean of those that continue it", other.name()),
+            },
+        ),
+        effect(
+            Effect::Seams,
+            "seams",
+            settings.seams,
+            if settings.seams { "both sides made to look the same" } else { "switched off" }.to_owned(),
         ),
     ]
 }

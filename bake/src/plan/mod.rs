@@ -5,6 +5,7 @@
 //! of the input.
 
 pub mod effects;
+pub mod kernels;
 pub mod memory;
 pub mod settings;
 
@@ -17,7 +18,8 @@ use crate::light::{Direct, Lights};
 use crate::media::{Media, Responses};
 use crate::scene::document::Document;
 use crate::scene::model::Scene;
-pub use effects::Effect;
+pub use effects::Decision;
+pub use kernels::{Effect, Force, Kernels};
 pub use memory::Memory;
 pub use settings::{MediaMode, Quality, Settings, Tuning};
 
@@ -45,6 +47,8 @@ pub struct Tracing {
     pub media: Option<Media>,
     /// What it scatters, by the tables, if they are asked.
     pub responses: Option<Responses>,
+    /// Which kernel runs for each effect.
+    pub kernels: Kernels,
 }
 
 impl Tracing {
@@ -54,29 +58,50 @@ impl Tracing {
     ///
     /// If the tree cannot be built.
     pub fn new(scene: &Scene, mode: MediaMode, direct: Direct) -> Result<Self, Error> {
-        Self::tuned(scene, mode, direct, &Tuning::default())
+        Self::tuned(scene, mode, direct, &Tuning::default(), &Force::default())
     }
 
-    /// The same with other look-ups than the usual ones.
+    /// The same with other look-ups than the usual ones, and other kernels than the smallest that are right.
     ///
     /// # Errors
     ///
-    /// If the tree cannot be built or a file of tables does not suit.
-    pub fn tuned(scene: &Scene, mode: MediaMode, direct: Direct, tuning: &Tuning) -> Result<Self, Error> {
-        let world = World::new(scene);
-        let bvh = Bvh::build(&world, |t| {
+    /// If the tree cannot be built, a file of tables does not suit, or a kernel is forced that is not right for the scene.
+    pub fn tuned(
+        scene: &Scene,
+        mode: MediaMode,
+        direct: Direct,
+        tuning: &Tuning,
+        force: &Force,
+    ) -> Result<Self, Error> {
+        let mut world = World::new(scene);
+        let lights = Lights::chosen(scene, &world, direct, force.choosing());
+        let mut lights = lights.tuned(tuning.light_samples, tuning.light_threshold);
+        let kernels = Kernels::choose(scene, &lights, (mode, direct), force)?;
+        kernels.set_lights(&mut lights);
+        let mut bvh = Bvh::build(&world, |t| {
             let surface = world.surface(t);
             scene.surfaces[surface].casts_shadow.then(|| opacity(scene, surface))
         })?;
-        let lights = Lights::new(scene, &world, direct).tuned(tuning.light_samples, tuning.light_threshold);
-        let media = Media::new(scene, world.origin);
+        kernels.set_tree(&mut bvh);
+        if kernels.is_at_most(Effect::Textures, 0) {
+            world.keep_constant(scene);
+        }
+        let mut media = Media::new(scene, world.origin);
+        // The general kernel with nothing to do: forced where there are no media, or none are to count.
+        if !kernels.is_at_most(Effect::Media, 0) && (media.is_none() || mode == MediaMode::Off) {
+            media = Some(Media::default());
+        }
+        media.iter_mut().for_each(|m| kernels.set_media(m));
+        let any_albedo =
+            kernels.list().iter().any(|c| c.effect == Effect::MediaAlbedo && c.needed < c.kernel);
         let responses = match &media {
             Some(media) if mode == MediaMode::Table => {
-                Responses::new(media, world.radius, tuning.tables.as_deref(), tuning.zh_order)?
+                let from = (tuning.tables.as_deref(), tuning.zh_order);
+                Responses::new(media, world.radius, any_albedo, from)?
             }
             _ => None,
         };
-        Ok(Self { world, bvh, lights, media, responses })
+        Ok(Self { world, bvh, lights, media, responses, kernels })
     }
 }
 
@@ -98,12 +123,13 @@ pub fn admit(findings: &[Finding]) -> Result<(), Error> {
 /// [`Error::Input`] if `findings` hold an error or the layout finds one, [`Error::Usage`] for
 /// settings out of range, [`Error::Interrupted`] if `progress` said so.
 pub fn make(
-    scene: Scene,
+    mut scene: Scene,
     mut findings: Vec<Finding>,
     settings: Settings,
     progress: &(dyn Fn(usize, usize) -> bool + Sync),
 ) -> Result<Plan, Error> {
     admit(&findings)?;
+    findings.extend(settings.force.leave_out(&mut scene));
     let (atlas, more) = atlas::build(&scene, &settings.atlas(), progress)?;
     findings.extend(more);
     if atlas.pages.is_empty() {
@@ -114,7 +140,7 @@ pub fn make(
         )
         .into());
     }
-    let tracing = Tracing::tuned(&scene, settings.media, settings.direct, &settings.tuning)?;
+    let tracing = Tracing::tuned(&scene, settings.media, settings.direct, &settings.tuning, &settings.force)?;
     let seams = if settings.seams { Seams::find(&scene, &tracing.world, &atlas) } else { Seams::default() };
     Ok(Plan { scene, tracing, atlas, seams, settings, findings })
 }
@@ -158,8 +184,8 @@ impl Plan {
 
     /// What the scene contains and what will run because of it.
     #[must_use]
-    pub fn effects(&self) -> Vec<Effect> {
-        effects::list(&self.scene, &self.tracing.lights, &self.settings)
+    pub fn effects(&self) -> Vec<Decision> {
+        effects::list(&self.scene, &self.tracing, &self.settings)
     }
 
     /// Bytes that the bake will need at its peak; `document` is what the scene came from.

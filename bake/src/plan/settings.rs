@@ -4,6 +4,7 @@ use crate::geom::atlas::{AtlasOptions, Density, Engine, Unwrap};
 use crate::light::Direct;
 use crate::light::many::{SEVERAL, THRESHOLD};
 use crate::media::Media;
+use crate::plan::kernels::Force;
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 use tables::harmonics::BANDS;
@@ -268,6 +269,8 @@ pub struct Settings {
     pub denoise: Denoise,
     /// Whether seams are stitched.
     pub seams: bool,
+    /// Kernels that were asked for by name.
+    pub force: Force,
 }
 
 impl Settings {
@@ -359,6 +362,7 @@ impl Settings {
             ("denoise", json!(self.denoise.name())),
             ("seams", json!(self.seams)),
         ];
-        pairs.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
+        let force = (!self.force.texts().is_empty()).then(|| ("force", json!(self.force.texts())));
+        pairs.into_iter().chain(force).map(|(k, v)| (k.to_owned(), v)).collect()
     }
 }

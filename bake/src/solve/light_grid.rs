@@ -37,7 +37,7 @@ use crate::solve::Monitor;
 use crate::transport::Kernel;
 use crate::transport::airlight::{Link, Links, in_air};
 use crate::transport::lamps::{Patches, Straight};
-use crate::transport::light_grid::{COEFFICIENTS, LightGrid, Seen, dot, harmonics, scattering};
+use crate::transport::light_grid::{COEFFICIENTS, LightGrid, Seen, dot, even, harmonics, scattering};
 use glam::{Quat, Vec3, Vec3A};
 use rayon::prelude::*;
 use std::f32::consts::PI;
@@ -81,7 +81,7 @@ impl Gathering {
     /// A dark grid that knows what its nodes see; `None` if nothing scatters.
     #[must_use]
     pub fn new(kernel: &Kernel<'_>, fineness: Fineness, seed: u64) -> Option<Self> {
-        let media = kernel.media.filter(|m| m.scatters())?;
+        let media = kernel.media().filter(|m| m.scatters())?;
         let bounds = around(kernel.world, media.bounds())?;
         let mut grid = LightGrid::new(kernel.world, media.smoothed(), bounds, fineness.nodes);
         let known = LightGrid::looks_at(kernel.air_lights());
@@ -257,7 +257,7 @@ fn look_around(
     key: u64,
 ) -> (Found, u64) {
     let turn = turn(key);
-    let channels = kernel.media.map_or(1, Media::channels);
+    let channels = kernel.media().map_or(1, Media::channels);
     let links = Vec::with_capacity(channels * directions.len());
     let mut found = Found { light: [Vec3::ZERO; COEFFICIENTS], links };
     let mut rays = 0;
@@ -321,9 +321,14 @@ fn solve(
                     let wi = *turn * *d;
                     let mut arrives = Vec3::ZERO;
                     for link in links.iter().flatten() {
-                        let bands = media.bands(link.g).map(|b| b * forward);
-                        let scattered = scattering(unpack(link.direction), bands);
-                        arrives += link.weight * dot(&light[link.node as usize], &scattered) * share;
+                        let from = &light[link.node as usize];
+                        let scattered = if media.small().isotropic {
+                            even(from)
+                        } else {
+                            let bands = media.bands(link.g).map(|b| b * forward);
+                            dot(from, &scattering(unpack(link.direction), bands))
+                        };
+                        arrives += link.weight * scattered * share;
                     }
                     for (sum, y) in sum.iter_mut().zip(harmonics(wi)) {
                         *sum += arrives * y;

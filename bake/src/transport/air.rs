@@ -1,6 +1,6 @@
 //! Media along a ray: what is left of light, and places in them.
 
-use crate::media::{Coefficients, Media, Segment, along, attenuated, is_grey};
+use crate::media::{Coefficients, Media, Segment, is_grey};
 use crate::sample::warp::Frame;
 use crate::scene::model::Rgb;
 use glam::{Vec3, Vec3A};
@@ -86,16 +86,27 @@ impl Crossed {
     pub(crate) fn new(media: &Media, (origin, direction, length): (Vec3A, Vec3A, f32)) -> Self {
         let plain = media.plain(origin, direction, length);
         let depth = match &plain {
-            Some((from, to, c)) => along(c.sigma_t, to - from),
+            Some((from, to, c)) => media.along(c.sigma_t, to - from),
             None => media.optical_depth(origin, direction, length),
         };
+        if media.small().grey {
+            // The same with one channel for three.
+            let (left, gone) = if THIN <= depth.x {
+                let left = (-depth.x).exp();
+                (left, 1.0 - left)
+            } else {
+                let gone = -(-depth.x).exp_m1();
+                (1.0 - gone, gone)
+            };
+            return Self { plain, depth, left: Vec3::splat(left), gone };
+        }
         let most = depth.max_element();
         let (left, gone) = if THIN <= most {
-            let left = attenuated(depth);
+            let left = media.attenuated(depth);
             (left, 1.0 - left.min_element())
         } else {
             let gone = -(-most).exp_m1();
-            (if is_grey(depth) { Vec3::splat(1.0 - gone) } else { attenuated(depth) }, gone)
+            (if is_grey(depth) { Vec3::splat(1.0 - gone) } else { media.attenuated(depth) }, gone)
         };
         Self { plain, depth, left, gone }
     }
@@ -210,7 +221,7 @@ impl<'a> Way<'a> {
             return None;
         }
         let step = (to - from) / PARTS as f32;
-        let grey = is_grey(c.sigma_t);
+        let grey = self.media.small().grey || is_grey(c.sigma_t);
         let half = if grey { Vec3::splat(crossed.left.x.sqrt()) } else { crossed.left.map(f32::sqrt) };
         let left = if grey { Vec3::splat(half.x.sqrt()) } else { half.map(f32::sqrt) };
         // The channel in the middle chooses the place. 1 - left^4 = (1 - left) (1 + left) (1 + left^2), and what does not get through is
@@ -260,7 +271,7 @@ impl<'a> Way<'a> {
     /// What is left of light along the first `t` metres.
     pub(crate) fn transmittance(&self, t: f32) -> Rgb {
         match self.plain {
-            Some((from, _, c)) => attenuated(c.sigma_t * (t - from)),
+            Some((from, _, c)) => self.media.attenuated(c.sigma_t * (t - from)),
             None => self.air().transmittance(t),
         }
     }
@@ -273,7 +284,7 @@ impl<'a> Way<'a> {
                 let length = to - from;
                 let gone = |k: usize| -(-c.sigma_t[k] * length).exp_m1();
                 let place = |gone: f32, u: f32, sigma: f32| (depth_of(u * gone) / sigma).min(length);
-                if is_grey(c.sigma_s) && is_grey(c.sigma_t) {
+                if self.media.small().grey || (is_grey(c.sigma_s) && is_grey(c.sigma_t)) {
                     let gone = gone(0);
                     let weight = c.sigma_s * (gone / c.sigma_t.x);
                     let at = from + place(gone, u, c.sigma_t.x);
@@ -283,7 +294,7 @@ impl<'a> Way<'a> {
                 let scatters = |k: usize| 0.0 < c.sigma_s[k];
                 let (channel, u) = choose(scatters, u)?;
                 let at = place(gone(channel), u, c.sigma_t[channel]);
-                let left = attenuated(c.sigma_t * at);
+                let left = self.media.attenuated(c.sigma_t * at);
                 let density = |k: usize| if scatters(k) { c.sigma_t[k] * left[k] / gone(k) } else { 0.0 };
                 let n = (0..3).filter(|&k| scatters(k)).count() as f32;
                 let weight = c.sigma_s * left * (n / (0..3).map(density).sum::<f32>());

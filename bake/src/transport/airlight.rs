@@ -33,7 +33,7 @@ use crate::sample::Sequence;
 use crate::scene::model::Rgb;
 use crate::transport::air::{Crossed, Way, henyey_greenstein_direction};
 use crate::transport::direct::Part;
-use crate::transport::light_grid::{Inside, LightGrid, Seen, dot, scattering};
+use crate::transport::light_grid::{Inside, LightGrid, Seen, dot, even, scattering};
 use crate::transport::path::{Kernel, Leg, Stage, Vertex};
 use glam::{Vec3, Vec3A};
 
@@ -182,6 +182,7 @@ impl Kernel<'_> {
             let at = grid.inside(p);
             let [b, c, d, _] = sequence.coins(LANDINGS[0]);
             let arrives = match self.node(grid, p, at, [b, c, d], rays) {
+                Some(node) if media.small().isotropic => even(grid.light(node)),
                 Some(node) => dot(grid.light(node), &scattering(direction, media.bands(landing.g))),
                 None => self.unseen(p, direction, landing.g, [b, c], sequence, rays),
             };

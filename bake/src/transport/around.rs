@@ -39,7 +39,7 @@ impl Kernel<'_> {
     /// What [`Kernel::sample_around`] gives to `visit`.
     #[must_use]
     pub fn finds_around(&self) -> Finds {
-        if self.responses.is_some() { Finds::Irradiance } else { Finds::Radiance }
+        if self.responses().is_some() { Finds::Irradiance } else { Finds::Radiance }
     }
 
     /// One sample of the light at `p`, in metres relative to [`crate::geom::World::origin`]: `visit` hears of directions and of what arrives from there, for
@@ -84,7 +84,7 @@ impl Kernel<'_> {
             return;
         }
         let from = in_air(p);
-        let scattering = self.media.filter(|_| self.scatters);
+        let scattering = self.media().filter(|_| self.scatters());
         let light = match scattering {
             Some(media) => self.arrives_through_media(media, (p, wi), sequence, rays),
             None => {
@@ -98,7 +98,7 @@ impl Kernel<'_> {
         if let Some(weight) = straight {
             // Paths through media find emissive surfaces by chance, and others find those that are near.
             let patches = if scattering.is_some() { Patches::None } else { Patches::Far };
-            self.straight_to(self.media, patches, p, sequence, rays, |_, wi, illuminance| {
+            self.straight_to(self.media(), patches, p, sequence, rays, |_, wi, illuminance| {
                 visit(wi, illuminance * weight);
             });
         }

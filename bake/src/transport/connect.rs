@@ -3,6 +3,7 @@
 use crate::geom::Ray;
 use crate::light::beams::{Beam, Source};
 use crate::light::punctual::Incident;
+use crate::media::{Media, Responses};
 use crate::sample::Sequence;
 use crate::sample::warp::cos_hemisphere_pdf;
 use crate::scene::model::Rgb;
@@ -26,6 +27,17 @@ pub struct LightVertex {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Arrival {
     pub(crate) density: f32,
+}
+
+/// What media leave of light between two vertices; apart, with the way there worked out again, so that scenes without media carry nothing of it.
+#[inline(never)]
+fn weakened_between(media: &Media, to: &Vertex, from: &Vertex, left: Rgb) -> Rgb {
+    if left == Vec3::ZERO {
+        return left;
+    }
+    let d = from.position - to.position;
+    let distance = d.length_squared().sqrt();
+    left * media.transmittance(to.position, d / distance, (distance - 2.0 * from.offset).max(0.0))
 }
 
 impl Kernel<'_> {
@@ -60,7 +72,7 @@ impl Kernel<'_> {
             if cos <= 0.0 {
                 return None;
             }
-            let arriving = match (self.media, self.responses) {
+            let arriving = match (self.media(), self.responses()) {
                 (None, _) => Vec3::splat(cos * FRAC_1_PI),
                 (Some(media), None) => {
                     media.transmittance(vertex.position, light.wi, light.distance) * (cos * FRAC_1_PI)
@@ -90,18 +102,56 @@ impl Kernel<'_> {
 
     /// `E / pi` that `to` receives by reflection at the place where the beam landed, weighed against
     /// finding that place by chance, nits.
+    #[inline]
     pub(crate) fn connect(&self, to: &Vertex, light: &LightVertex, rays: &mut u32) -> Rgb {
+        match self.responses() {
+            None => self.connect_straight(to, light, rays),
+            Some(responses) => self.connect_through(responses, to, light, rays),
+        }
+    }
+
+    #[inline(never)]
+    fn connect_straight(&self, to: &Vertex, light: &LightVertex, rays: &mut u32) -> Rgb {
+        let from = &light.vertex;
+        let d = from.position - to.position;
+        let distance2 = d.length_squared();
+        let distance = distance2.sqrt();
+        let wi = d / distance;
+        let (receiver, reflector) = (wi.dot(to.shading_normal), -wi.dot(from.shading_normal));
+        // What a diffuse reflector sends is seen only from in front of its plane.
+        let seen = 0.0 < receiver && 0.0 < reflector && 0.0 < -wi.dot(from.geometric_normal);
+        if !(seen && wi.is_finite()) {
+            return Vec3::ZERO;
+        }
+        let by_chance = cos_hemisphere_pdf(receiver) * (reflector / distance2);
+        let factor = by_chance / (light.density + by_chance);
+        if factor <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let left = self.unblocked(to, wi, distance - 2.0 * from.offset, rays);
+        let left = match self.media() {
+            None => left,
+            Some(media) => weakened_between(media, to, from, left),
+        };
+        light.radiance * left * factor
+    }
+
+    /// The same by way of media as tables see them, which scatter what passes along the planes as well.
+    #[inline(never)]
+    fn connect_through(
+        &self,
+        responses: &Responses,
+        to: &Vertex,
+        light: &LightVertex,
+        rays: &mut u32,
+    ) -> Rgb {
         let d = light.vertex.position - to.position;
         let distance2 = d.length_squared();
         let distance = distance2.sqrt();
         let wi = d / distance;
         let (receiver, reflector) = (wi.dot(to.shading_normal), -wi.dot(light.vertex.shading_normal));
         let from = &light.vertex;
-        // What a diffuse reflector sends is seen only from in front of its plane; by way of media also in it.
-        let seen = match self.responses {
-            None => 0.0 < receiver && 0.0 < reflector && 0.0 < -wi.dot(from.geometric_normal),
-            Some(_) => to.faces(wi, distance) && from.faces(-wi, distance),
-        };
+        let seen = to.faces(wi, distance) && from.faces(-wi, distance);
         if !(seen && wi.is_finite()) {
             return Vec3::ZERO;
         }
@@ -110,21 +160,14 @@ impl Kernel<'_> {
         let by_chance = cos_hemisphere_pdf(receiver.max(0.0)) * geometry;
         let density = light.density + by_chance;
         let t_max = distance - 2.0 * light.vertex.offset;
-        if let Some(responses) = self.responses {
-            let left = self.unblocked(to, wi, t_max, rays);
-            if left == Vec3::ZERO {
-                return left;
-            }
-            let clear = receiver.max(0.0) * reflector / distance2;
-            let normal = light.vertex.geometric_normal;
-            let spread = self.patch_spread(responses, to, wi, distance, normal, clear);
-            return light.radiance * left * spread / density;
+        let left = self.unblocked(to, wi, t_max, rays);
+        if left == Vec3::ZERO {
+            return left;
         }
-        let factor = cos_hemisphere_pdf(receiver) * geometry / density;
-        if factor <= 0.0 {
-            return Vec3::ZERO;
-        }
-        light.radiance * self.transmittance(to, wi, t_max, rays) * factor
+        let clear = receiver.max(0.0) * reflector / distance2;
+        let normal = light.vertex.geometric_normal;
+        let spread = self.patch_spread(responses, to, wi, distance, normal, clear);
+        light.radiance * left * spread / density
     }
 
     /// Weight of finding by chance that light from `source` lands at `vertex`, against connecting to a

@@ -13,6 +13,7 @@ use crate::light::emitters::EmitterSample;
 use crate::light::many::{Among, Chosen, EVERY_LAMP};
 use crate::light::punctual::Incident;
 use crate::light::tree::Receiver;
+use crate::media::{Media, Responses};
 use crate::sample::Sequence;
 use crate::sample::warp::cos_hemisphere_pdf;
 use crate::scene::model::Rgb;
@@ -81,6 +82,23 @@ pub(crate) fn finer(u: f32, more: f32) -> f64 {
     (f64::from((u * 8_388_608.0).floor()) + f64::from(more)) / 8_388_608.0
 }
 
+/// The next numbers; where lights that are not there are asked for all the same, others, so that the path's stay what they are.
+fn numbers(there: bool, sequence: &mut Sequence) -> [f32; 4] {
+    if there { sequence.next4() } else { sequence.fork().next4() }
+}
+
+/// What media leave of light along a segment; apart, so that scenes without media carry nothing of it.
+#[inline(never)]
+fn weakened(left: Rgb, media: &Media, from: Vec3A, wi: Vec3A, t_max: f32) -> Rgb {
+    if left == Vec3::ZERO { left } else { left * media.transmittance(from, wi, t_max.max(0.0)) }
+}
+
+/// Metres to a light. One that lies on a surface must not be hidden by that surface's rounding.
+fn up_to(vertex: &Vertex, light: &Incident) -> f32 {
+    let slack = offset_distance((vertex.position + light.wi * light.distance).abs().max_element());
+    if light.distance.is_finite() { light.distance - slack } else { f32::INFINITY }
+}
+
 impl Kernel<'_> {
     /// Light straight from the lights at `vertex`, one sample. At the receiver the unscattered part of lights is left out
     /// that the game adds. `arrival` says how the vertex was found, where connecting to beams could have found it as well.
@@ -96,13 +114,15 @@ impl Kernel<'_> {
         let lights = self.lights;
         let mut out = Direct::default();
         let (small, area) = (part != Part::Area, part != Part::Small);
-        let punctual = small && !lights.punctual.is_empty();
+        let punctual = small && !lights.small.no_lamps;
         // Many emissive triangles are asked where lamps are, with as many samples as these get.
         let apart = receiver && self.emitters_apart();
-        let emitters = !lights.emitters.is_empty() && if apart { small } else { area };
+        let emitters = !lights.small.no_emission && if apart { small } else { area };
         if punctual || emitters {
             let fine = sequence.coins(FINE);
-            let [a, b, c, d] = sequence.next4();
+            let there =
+                (punctual && !lights.punctual.is_empty()) || (emitters && !lights.emitters.is_empty());
+            let [a, b, c, d] = numbers(there, sequence);
             let n = if receiver && part == Part::Small { lights.asked_at_once } else { 1 };
             if punctual {
                 let at = Asked { vertex, receiver, arrival, n };
@@ -112,10 +132,11 @@ impl Kernel<'_> {
                 out.area += self.emitters(vertex, n, finer(b, fine[1]), [c, d], rays);
             }
         }
-        let suns = small && !lights.suns.is_empty();
-        let sky = area && (lights.sky.is_sampled() || self.sky_guide.is_some()) && !vertex.open;
+        let suns = small && !lights.small.no_suns;
+        let sky = area && (!lights.small.no_image || self.sky_guide.is_some()) && !vertex.open;
         if suns || sky {
-            let [a, b, c, d] = sequence.next4();
+            let seen = sky && (lights.sky.is_sampled() || self.sky_guide.is_some());
+            let [a, b, c, d] = numbers((suns && !lights.suns.is_empty()) || seen, sequence);
             let asked = if suns { lights.suns.as_slice() } else { &[] };
             for (i, sun) in asked.iter().enumerate() {
                 let Some(share) = self.share(receiver && sun.indirect_only) else { continue };
@@ -130,7 +151,7 @@ impl Kernel<'_> {
                 out.area += self.sky(vertex, [c, d], rays);
             }
         }
-        if area && let Some(responses) = self.responses {
+        if area && let Some(responses) = self.responses() {
             out.area += self.sky_by_chance(responses, vertex, sequence, rays);
         }
         out
@@ -143,7 +164,7 @@ impl Kernel<'_> {
 
     /// What counts of a light of which the game may add the unscattered part; `None` if nothing does.
     fn share(&self, of_the_game: bool) -> Option<Share> {
-        match (of_the_game, self.responses) {
+        match (of_the_game, self.responses()) {
             (false, _) => Some(Share::All),
             (true, Some(_)) => Some(Share::Scattered),
             (true, None) => None,
@@ -154,6 +175,9 @@ impl Kernel<'_> {
         let Asked { vertex, receiver, arrival, n } = *at;
         let list = &self.lights.punctual;
         let share = |i: usize| self.share(receiver && list[i].indirect_only);
+        if self.lights.small.one_lamp {
+            return self.only_lamp(at, rays);
+        }
         let by = self.lights.lamps_by;
         if by == Selection::All || (by == Selection::Weighed && receiver && list.len() <= EVERY_LAMP) {
             return (0..list.len())
@@ -165,7 +189,7 @@ impl Kernel<'_> {
                 .sum();
         }
         if let Some(many) = self.lights.many_lamps() {
-            let among = if receiver && self.responses.is_none() { Among::BakedLamps } else { Among::Lamps };
+            let among = if receiver && self.responses().is_none() { Among::BakedLamps } else { Among::Lamps };
             let mut sum = Vec3::ZERO;
             many.several(&self.emitter_receiver(vertex), among, n, u, &mut |light, _, chance| {
                 let Chosen::Lamp(i) = light else { return };
@@ -214,27 +238,61 @@ impl Kernel<'_> {
         self.lit(vertex, &light, share, rays) * (weight / probability)
     }
 
+    /// Light of the one lamp that there is: what choosing it among others gives, which it has no need of.
+    fn only_lamp(&self, at: &Asked<'_>, rays: &mut u32) -> Rgb {
+        let Asked { vertex, receiver, arrival, .. } = *at;
+        let lamp = &self.lights.punctual[0];
+        let asked = self.share(receiver && lamp.indirect_only).zip(lamp.incident(vertex.position));
+        let Some((share, light)) = asked else { return Vec3::ZERO };
+        if !receiver {
+            let weight = luminance(light.illuminance) * self.least_cosine(vertex, light.wi, light.distance);
+            if !(0.0 < weight && weight.is_finite()) {
+                return Vec3::ZERO;
+            }
+        }
+        let weight = self.chance_weight(arrival, vertex, Source::Punctual(0), &light);
+        self.lit(vertex, &light, share, rays) * weight
+    }
+
     /// The cosine that a light's weight counts with; by way of media it also brings light where it is low.
     fn least_cosine(&self, vertex: &Vertex, wi: Vec3A, distance: f32) -> f32 {
         let cos = wi.dot(vertex.shading_normal).max(0.0);
-        if self.responses.is_some() && vertex.faces(wi, distance) { cos.max(LEAST_COSINE) } else { cos }
+        if self.responses().is_some() && vertex.faces(wi, distance) { cos.max(LEAST_COSINE) } else { cos }
     }
 
     /// A light without area, as far as it is not shadowed.
+    #[inline(always)]
     fn lit(&self, vertex: &Vertex, light: &Incident, share: Share, rays: &mut u32) -> Rgb {
-        let cos = light.wi.dot(vertex.shading_normal);
-        let responses = self.responses.filter(|_| vertex.faces(light.wi, light.distance));
-        if cos <= 0.0 && responses.is_none() {
-            return Vec3::ZERO;
+        match self.responses().filter(|_| vertex.faces(light.wi, light.distance)) {
+            None => {
+                let cos = light.wi.dot(vertex.shading_normal);
+                if cos <= 0.0 {
+                    return Vec3::ZERO;
+                }
+                let left = self.unblocked(vertex, light.wi, up_to(vertex, light), rays);
+                let left = match self.media() {
+                    None => left,
+                    Some(media) => weakened(left, media, vertex.position, light.wi, up_to(vertex, light)),
+                };
+                light.illuminance * (cos * FRAC_1_PI) * left
+            }
+            Some(responses) => self.lit_through(responses, vertex, light, share, rays),
         }
-        // A lamp that lies on a surface must not be hidden by that surface's rounding.
-        let slack = offset_distance((vertex.position + light.wi * light.distance).abs().max_element());
-        let t_max = if light.distance.is_finite() { light.distance - slack } else { f32::INFINITY };
-        let Some(responses) = responses else {
-            return light.illuminance * (cos * FRAC_1_PI) * self.transmittance(vertex, light.wi, t_max, rays);
-        };
+    }
+
+    /// The same by way of media as tables see them.
+    #[inline(never)]
+    fn lit_through(
+        &self,
+        responses: &Responses,
+        vertex: &Vertex,
+        light: &Incident,
+        share: Share,
+        rays: &mut u32,
+    ) -> Rgb {
+        let cos = light.wi.dot(vertex.shading_normal);
         let cos = if share == Share::All { cos.max(0.0) } else { 0.0 };
-        let left = self.unblocked(vertex, light.wi, t_max, rays);
+        let left = self.unblocked(vertex, light.wi, up_to(vertex, light), rays);
         if left == Vec3::ZERO {
             return left;
         }
@@ -243,7 +301,7 @@ impl Kernel<'_> {
 
     /// How emitters see a vertex: by way of media they light it from its plane and, where it has no surface, from behind as well.
     pub(crate) fn emitter_receiver(&self, vertex: &Vertex) -> Receiver {
-        let below = match self.responses {
+        let below = match self.responses() {
             None => 0.0,
             // Where the two planes differ what is below one of them may light the medium over the other.
             Some(_) if vertex.detached || vertex.shading_normal != vertex.geometric_normal => {
@@ -281,7 +339,7 @@ impl Kernel<'_> {
     /// Light of a point on an emissive triangle.
     fn emitter(&self, vertex: &Vertex, s: &EmitterSample, rays: &mut u32) -> Rgb {
         let cos = s.wi.dot(vertex.shading_normal);
-        let responses = self.responses.filter(|_| vertex.faces(s.wi, s.distance));
+        let responses = self.responses().filter(|_| vertex.faces(s.wi, s.distance));
         if (cos <= 0.0 || s.pdf_solid_angle <= 0.0) && responses.is_none() {
             return Vec3::ZERO;
         }
@@ -295,7 +353,7 @@ impl Kernel<'_> {
         let Some(responses) = responses else {
             let weight = 1.0 / (s.pdf_solid_angle + by_cosine);
             let left = self.unblocked_from(&at, s.wi, vertex, rays);
-            let left = match self.media {
+            let left = match self.media() {
                 Some(media) if left != Vec3::ZERO => {
                     left * media.transmittance(vertex.position, s.wi, (s.distance - 2.0 * at.offset).max(0.0))
                 }
@@ -323,7 +381,7 @@ impl Kernel<'_> {
         let Some((wi, pdf)) = self.sky_direction(vertex, u) else { return Vec3::ZERO };
         let cos = wi.dot(vertex.shading_normal);
         let radiance = self.lights.sky.radiance(wi);
-        let responses = self.responses.filter(|_| vertex.faces(wi, f32::INFINITY));
+        let responses = self.responses().filter(|_| vertex.faces(wi, f32::INFINITY));
         if (cos <= 0.0 && responses.is_none()) || pdf <= 0.0 || radiance == Vec3::ZERO {
             return Vec3::ZERO;
         }
@@ -367,17 +425,17 @@ impl Kernel<'_> {
     }
 
     /// What is left of light along a segment after all surfaces and media that it crosses: 0 behind an opaque surface.
+    #[inline(always)]
     pub(crate) fn transmittance(&self, from: &Vertex, wi: Vec3A, t_max: f32, rays: &mut u32) -> Rgb {
         let left = self.unblocked(from, wi, t_max, rays);
-        match self.media {
-            Some(media) if left != Vec3::ZERO => {
-                left * media.transmittance(from.position, wi, t_max.max(0.0))
-            }
-            _ => left,
+        match self.media() {
+            None => left,
+            Some(media) => weakened(left, media, from.position, wi, t_max),
         }
     }
 
     /// What surfaces leave of light along a segment.
+    #[inline(always)]
     pub(crate) fn unblocked(&self, from: &Vertex, wi: Vec3A, t_max: f32, rays: &mut u32) -> Rgb {
         // Rays start off the plane, so they are shorter by up to as much.
         let t_max = t_max - from.offset;

@@ -1,7 +1,7 @@
 //! What a ray does where it meets a surface: passes, is reflected, or ends.
 
 use crate::geom::Hit;
-use crate::geom::shade::Shade;
+use crate::geom::shade::{Met, Shade};
 use crate::geom::world::SurfacePoint;
 use crate::sample::Sequence;
 use crate::scene::model::Rgb;
@@ -18,6 +18,8 @@ pub(crate) struct Encounter {
     active: bool,
     /// The side that was met is a light.
     pub(crate) emits: bool,
+    /// Nothing in the scene lets light pass.
+    opaque: bool,
 }
 
 /// How a ray goes on.
@@ -33,12 +35,11 @@ pub(crate) enum Onward {
 impl Kernel<'_> {
     pub(crate) fn encounter(&self, hit: &Hit, direction: Vec3A) -> Encounter {
         let at = self.world.point(hit.triangle, hit.bary);
-        let shade = self.world.shade(self.scene, hit.triangle, hit.bary);
+        let Met { shade, double_sided, unlit } = self.world.met(self.scene, hit.triangle, hit.bary);
         let front = direction.dot(at.geometric_normal) < 0.0;
-        let material = self.world.material(self.scene, hit.triangle);
-        let active = front || material.double_sided;
-        let emits = active && shade.emission != Vec3::ZERO && !material.unlit;
-        Encounter { at, shade, front, active, emits }
+        let active = front || double_sided;
+        let emits = active && shade.emission != Vec3::ZERO && !unlit;
+        Encounter { at, shade, front, active, emits, opaque: self.bvh.is_opaque() }
     }
 }
 
@@ -57,6 +58,14 @@ impl Encounter {
 
     /// Chooses between passing and reflection by their strengths.
     pub(crate) fn onward(&self, sequence: &mut Sequence) -> Onward {
+        if self.opaque {
+            if !self.active {
+                return Onward::Absorbed;
+            }
+            let vertex = Vertex::front(&self.at);
+            let vertex = if self.front { vertex } else { vertex.turned() };
+            return Onward::Reflected { vertex, reflectance: self.shade.albedo };
+        }
         let passing = self.shade.pass.max_element();
         let reflecting = if self.active { self.shade.cover } else { 0.0 };
         if passing + reflecting <= 0.0 {

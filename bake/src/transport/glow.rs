@@ -25,7 +25,7 @@ const CHORDS: f32 = 0.125;
 impl Kernel<'_> {
     /// `E / pi` by a lamp or sun of 1 lux at the vertex, through media and scattered in them; unscattered with the cosine `cos`.
     pub(crate) fn lamp_through(&self, responses: &Responses, at: &Vertex, light: &Incident, cos: f32) -> Rgb {
-        let Some(media) = self.media else { return Vec3::ZERO };
+        let Some(media) = self.media() else { return Vec3::ZERO };
         let air = media.crossing(at.position, light.wi, light.distance);
         let turned = light.wi.dot(at.shading_normal);
         let glow = if light.distance.is_finite() {
@@ -46,7 +46,7 @@ impl Kernel<'_> {
         normal: Vec3A,
         clear: f32,
     ) -> Rgb {
-        let Some(media) = self.media else { return Vec3::ZERO };
+        let Some(media) = self.media() else { return Vec3::ZERO };
         let air = media.crossing(at.position, wi, distance);
         let glow = responses.patch(&air, distance, wi, at.shading_normal, normal);
         (air.transmittance() * clear + glow) * FRAC_1_PI
@@ -128,7 +128,7 @@ impl Kernel<'_> {
     /// `E / pi` by light of 1 nit from a direction, through media and scattered in them, over its density per steradian; `density` leaves out
     /// what [`Kernel::sky_by_chance`] adds.
     pub(crate) fn sky_spread(&self, responses: &Responses, at: &Vertex, wi: Vec3A, density: f32) -> Rgb {
-        let Some(media) = self.media else { return Vec3::ZERO };
+        let Some(media) = self.media() else { return Vec3::ZERO };
         let air = media.crossing(at.position, wi, f32::INFINITY);
         let cos = wi.dot(at.shading_normal);
         let glow = responses.sun(&air, cos) / (density + CHORDS * even_density(at));
@@ -143,7 +143,7 @@ impl Kernel<'_> {
         sequence: &mut Sequence,
         rays: &mut u32,
     ) -> Rgb {
-        let (Some(media), false) = (self.media, self.lights.sky.is_black()) else { return Vec3::ZERO };
+        let (Some(media), false) = (self.media(), self.lights.sky.is_black()) else { return Vec3::ZERO };
         if CHORDS <= sequence.coin() {
             return Vec3::ZERO;
         }
@@ -175,7 +175,7 @@ impl Kernel<'_> {
     ) -> Rgb {
         let reach = responses.reach();
         let chance = sequence.coin() < CHORDS;
-        let Some(media) = self.media.filter(|_| chance && 0.0 < reach) else { return Vec3::ZERO };
+        let Some(media) = self.media().filter(|_| chance && 0.0 < reach) else { return Vec3::ZERO };
         let [a, b, c, d] = sequence.next4();
         let [e, f, g, h] = sequence.next4();
         let lifted = at.position + at.geometric_normal * at.offset;

@@ -78,7 +78,7 @@ impl Kernel<'_> {
     /// Whether there are lights of the kind that [`Kernel::lamps_through_air`] gathers.
     pub(crate) fn has_lamps_in_air(&self) -> bool {
         let l = self.lights;
-        self.grid.is_some() && !(l.punctual.is_empty() && l.emitters.groups().is_empty())
+        self.grid().is_some() && !(l.punctual.is_empty() && l.emitters.groups().is_empty())
     }
 
     /// Light of lamps and small emissive surfaces that media scatter between a vertex and what it sees, `E / pi`, nits. What passes from there on
@@ -97,7 +97,7 @@ impl Kernel<'_> {
         rays: &mut u32,
         visit: &mut dyn FnMut(Vec3A, Rgb),
     ) {
-        let Some((media, grid)) = self.media.zip(self.grid).filter(|_| self.has_lamps_in_air()) else {
+        let Some((media, grid)) = self.media().zip(self.grid()).filter(|_| self.has_lamps_in_air()) else {
             return;
         };
         let (lamps, groups) = (&self.lights.punctual, self.lights.emitters.groups());
@@ -285,7 +285,7 @@ impl Kernel<'_> {
 
     /// As [`Kernel::lamps_through_air`] where the light is one part of many: as often as it is lost on the way to the nearest lamp.
     pub(crate) fn lamps_now_and_then(&self, at: &Vertex, sequence: &mut Sequence, rays: &mut u32) -> Rgb {
-        let Some(media) = self.media.filter(|_| self.has_lamps_in_air()) else { return Vec3::ZERO };
+        let Some(media) = self.media().filter(|_| self.has_lamps_in_air()) else { return Vec3::ZERO };
         let (lamps, groups) = (&self.lights.punctual, self.lights.emitters.groups());
         let all = lamps.iter().map(Punctual::position).chain(groups.iter().map(|g| g.centre));
         let nearest = self.tree_in_media().and_then(|many| many.nearest(at.position));

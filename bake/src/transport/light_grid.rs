@@ -331,6 +331,12 @@ pub(crate) fn scattering(d: Vec3A, bands: [f32; 2]) -> [f32; COEFFICIENTS] {
     y
 }
 
+/// What a medium that scatters alike in all directions sends on, per unit of sigma_s: to the bit what [`dot`] gives with [`scattering`] of no bands.
+#[inline]
+pub(crate) fn even(light: &[Rgb; COEFFICIENTS]) -> Rgb {
+    light[0] * harmonics(Vec3A::Z)[0]
+}
+
 /// The sum over all coefficients.
 #[inline]
 pub(crate) fn dot(light: &[Rgb; COEFFICIENTS], y: &[f32; COEFFICIENTS]) -> Rgb {

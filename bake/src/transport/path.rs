@@ -197,12 +197,38 @@ impl<'a> Kernel<'a> {
             landed: &[],
             sky_guide: None,
             cache: None,
-            media: tracing.media.as_ref().filter(|_| media != MediaMode::Off),
+            media: tracing.media.as_ref().filter(|m| media != MediaMode::Off || m.is_empty()),
             responses: tracing.responses.as_ref().filter(|_| media == MediaMode::Table),
             grid: None,
-            scatters: media == MediaMode::Reference,
+            scatters: media == MediaMode::Reference && tracing.media.as_ref().is_some_and(|m| !m.is_empty()),
             emitters_apart: false,
         }
+    }
+
+    /// What weakens light on its way. Without the feature `media` the compiler knows that it is nothing, and leaves out
+    /// whatever would follow.
+    #[inline(always)]
+    #[must_use]
+    pub fn media(&self) -> Option<&'a Media> {
+        if cfg!(feature = "media") { self.media } else { None }
+    }
+
+    /// What of it is scattered by tables, likewise.
+    #[inline(always)]
+    pub(crate) fn responses(&self) -> Option<&'a Responses> {
+        if cfg!(feature = "media") { self.responses } else { None }
+    }
+
+    /// What of it is scattered between walls, likewise.
+    #[inline(always)]
+    pub(crate) fn grid(&self) -> Option<&'a LightGrid> {
+        if cfg!(feature = "media") { self.grid } else { None }
+    }
+
+    /// Whether paths scatter, likewise.
+    #[inline(always)]
+    pub(crate) fn scatters(&self) -> bool {
+        cfg!(feature = "media") && self.scatters
     }
 }
 
@@ -245,8 +271,8 @@ impl Kernel<'_> {
     }
 
     fn walk(&self, start: &Vertex, u: [f32; 2], part: Part, sequence: &mut Sequence) -> Estimate {
-        if self.scatters
-            && let Some(media) = self.media
+        if self.scatters()
+            && let Some(media) = self.media()
         {
             return self.walk_media(media, start, u, part, sequence);
         }
@@ -277,7 +303,7 @@ impl Kernel<'_> {
         for depth in first.. {
             let part = if depth == first { part } else { Part::All };
             let direct = self.direct(&vertex, part, depth == 0, arrival, sequence, &mut out.rays);
-            let connects = !vertex.open || self.responses.is_some();
+            let connects = !vertex.open || self.responses().is_some();
             let reflects = self.bounces.is_none_or(|n| depth < n);
             if connects
                 && reflects
@@ -285,7 +311,7 @@ impl Kernel<'_> {
             {
                 out.indirect += throughput * self.connect(&vertex, light, &mut out.rays);
             }
-            let by_area = self.responses.filter(|_| stage == Stage::Whole && reflects);
+            let by_area = self.responses().filter(|_| stage == Stage::Whole && reflects);
             if let Some(responses) = by_area {
                 out.indirect += throughput * self.by_area(responses, &vertex, depth, sequence, &mut out.rays);
             }
@@ -313,7 +339,7 @@ impl Kernel<'_> {
             if self.beams.is_none() || !connects {
                 lit = throughput;
             }
-            if self.responses.is_some_and(|r| r.is_too_much(throughput)) {
+            if self.responses().is_some_and(|r| r.is_too_much(throughput)) {
                 break;
             }
             if let Some(cache) = self.cache
@@ -430,28 +456,21 @@ impl Kernel<'_> {
         };
         // What surfaces on the way leave of light, and what media do where they only take.
         let (mut through, mut clear) = (Vec3::ONE, Vec3::ONE);
-        let spread = self.media.zip(self.responses);
+        let spread = self.media().zip(self.responses());
         for _ in 0..MAX_LAYERS {
             *rays += 1;
             let hit = self.closest(&ray);
-            if let (Some(media), None) = (self.media, spread) {
+            if let (Some(media), None) = (self.media(), spread) {
                 let part = (ray.origin, wi, hit.map_or(f32::INFINITY, |h| h.t));
-                let crossed = Crossed::new(media, part);
-                if let Some(grid) = self.grid {
-                    let before = through * clear;
-                    let air = (media, grid);
-                    leg.airlight += before
-                        * match links.as_deref_mut() {
-                            Some(links) => {
-                                let so_far = links.throughput * before;
-                                self.airlight_linked(air, part, (links, so_far), sequence, rays)
-                            }
-                            None => self.airlight(air, part, &crossed, sequence, rays),
-                        };
-                }
-                clear *= crossed.left;
+                let (airlight, left) =
+                    self.cross(media, part, through * clear, links.as_deref_mut(), sequence, rays);
+                leg.airlight += airlight;
+                clear *= left;
             }
             let Some(hit) = hit else {
+                if self.lights.small.black_sky {
+                    return leg;
+                }
                 let sky = through * self.lights.sky.radiance(wi);
                 let other = match HOW {
                     FROM_SURFACE => self.sky_density(from, wi),
@@ -468,9 +487,11 @@ impl Kernel<'_> {
             travelled += hit.t;
             leg.travelled = travelled;
             let met = self.encounter(&hit, wi);
-            let apart = HOW != FROM_SURFACE && self.lights.emitters.is_grouped(hit.triangle);
-            let near = HOW == BESIDE_SKY && self.lights.emitters.is_near(hit.triangle, from.position);
-            if met.emits && (!apart || near) {
+            let shines = met.emits && !self.lights.small.no_emission;
+            let apart = HOW != FROM_SURFACE && shines && self.lights.emitters.is_grouped(hit.triangle);
+            let near =
+                HOW == BESIDE_SKY && apart && self.lights.emitters.is_near(hit.triangle, from.position);
+            if shines && (!apart || near) {
                 let other = if HOW == FROM_SURFACE {
                     self.lights.emitter_pdf(&self.emitter_receiver(from), hit.triangle, wi, travelled)
                 } else {
@@ -509,6 +530,31 @@ impl Kernel<'_> {
             }
         }
         leg
+    }
+
+    /// What media scatter into a part of a ray, of which `before` is left in front of it, and what they leave of light; apart, so that
+    /// scenes without media carry nothing of it.
+    #[inline(never)]
+    fn cross(
+        &self,
+        media: &Media,
+        part: (Vec3A, Vec3A, f32),
+        before: Rgb,
+        links: Option<&mut Links>,
+        sequence: &mut Sequence,
+        rays: &mut u32,
+    ) -> (Rgb, Rgb) {
+        let crossed = Crossed::new(media, part);
+        let Some(grid) = self.grid() else { return (Vec3::ZERO, crossed.left) };
+        let air = (media, grid);
+        let airlight = match links {
+            Some(links) => {
+                let so_far = links.throughput * before;
+                self.airlight_linked(air, part, (links, so_far), sequence, rays)
+            }
+            None => self.airlight(air, part, &crossed, sequence, rays),
+        };
+        (before * airlight, crossed.left)
     }
 
     /// The nearest hit that is not a hole.

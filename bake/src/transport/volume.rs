@@ -10,7 +10,6 @@ use crate::geom::ray::offset_distance;
 use crate::light::many::{Among, Chosen};
 use crate::light::punctual::Incident;
 use crate::light::tree::{FallOff, Receiver};
-use crate::media::henyey_greenstein;
 use crate::media::{Media, Segment};
 use crate::sample::Sequence;
 use crate::sample::warp::{Frame, cos_hemisphere_pdf, square_to_cos_hemisphere};
@@ -254,7 +253,7 @@ impl Kernel<'_> {
         light: &Incident,
         rays: &mut u32,
     ) -> Rgb {
-        let phase = henyey_greenstein(g, light.wi.dot(direction));
+        let phase = media.phase(g, light.wi.dot(direction));
         let slack = offset_distance((p + light.wi * light.distance).abs().max_element());
         let t_max = if light.distance.is_finite() { light.distance - slack } else { f32::INFINITY };
         let from = Vertex {
@@ -357,6 +356,7 @@ fn flight(air: &Air<'_>, throughput: Rgb, sequence: &mut Sequence) -> End {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::media::henyey_greenstein;
     use crate::scene::model::{Density, Medium, Region, Scene};
     use glam::vec3;
     use std::f32::consts::PI;

@@ -60,20 +60,41 @@ impl Default for Room {
 #[must_use]
 pub fn room(r: Room) -> Vec<u8> {
     let mut glb = Glb::new();
-    let white = glb.material(&Material::matte("white", [0.7, 0.7, 0.65]));
-    let red = glb.material(&Material::matte("red", [0.6, 0.1, 0.1]));
-    let green = glb.material(&Material::matte("green", [0.1, 0.5, 0.15]));
+    let materials = [
+        glb.material(&Material::matte("white", [0.7, 0.7, 0.65])),
+        glb.material(&Material::matte("red", [0.6, 0.1, 0.1])),
+        glb.material(&Material::matte("green", [0.1, 0.5, 0.15])),
+    ];
     let panel =
         glb.material(&Material::matte("panel", [0.5; 3]).emitting(Vec3::new(8.0, 7.0, 5.0) * r.radiance));
+    walls(&mut glb, r, materials);
     let side = if r.mirrored { -1.0 } else { 1.0 };
-    let fit = |s: Shape| {
-        let scale = Vec3::new(side, 1.0, 1.0) * r.length;
-        let matrix = glam::Affine3A::from_scale(scale);
-        s.transformed(matrix)
-    };
+    let mut lamp = Shape::default();
+    let at = |x: f32, z: f32| Vec3::new(x, 2.75, z);
+    lamp.quad([at(-1.25, -0.25), at(-0.75, -0.25), at(-0.75, 0.25), at(-1.25, 0.25)]);
+    let lamp = lamp.transformed(r.fit());
+    let mesh = glb.mesh("panel", &[(&lamp, panel)]);
+    glb.node(Node::new("panel").mesh(mesh).at(r.offset));
+
+    let place = Vec3::new(side * 1.5, 1.0, 0.75) * r.length + r.offset;
+    let mut node = Node::new("lamp").at(place);
+    node.light = Some(glb.light("lamp", Kind::Point, [1.0, 0.75, 0.5], 2.0 * r.candela));
+    glb.node(node);
+    let down = Vec3::new(-0.25 * side, -1.0, 0.125);
+    let mut node = Node::new("sun").turned(crate::gltf::looking(down));
+    node.light = Some(glb.light("sun", Kind::Directional, [1.0, 1.0, 0.75], 16.0 * r.lux));
+    node.extras = serde_json::json!({"angular_diameter": 0.5});
+    glb.node(node);
+    let sky: Vec<f32> = [0.5, 0.75, 1.0].iter().map(|c| c * r.radiance).collect();
+    glb.scene_extra("sky", serde_json::json!(sky));
+    glb.finish()
+}
+
+/// The room's walls and the box in it.
+fn walls(glb: &mut Glb, r: Room, [white, red, green]: [usize; 3]) {
     let [w, h, d] = [2.0, 3.0, 1.5];
     let mut add = |name: &str, shape: Shape, material: usize| {
-        let mesh = glb.mesh(name, &[(&fit(shape), material)]);
+        let mesh = glb.mesh(name, &[(&shape.transformed(r.fit()), material)]);
         glb.node(Node::new(name).mesh(mesh).at(r.offset));
     };
     let wall = |sides: [bool; 6]| {
@@ -96,22 +117,21 @@ pub fn room(r: Room) -> Vec<u8> {
     let mut block = Shape::default();
     block.cuboid([-1.0, 0.0, -0.75], [-0.25, 1.0, 0.0], NO_BOTTOM);
     add("block", block, white);
-    let mut lamp = Shape::default();
-    let at = |x: f32, z: f32| Vec3::new(x, 2.75, z);
-    lamp.quad([at(-1.25, -0.25), at(-0.75, -0.25), at(-0.75, 0.25), at(-1.25, 0.25)]);
-    add("panel", lamp, panel);
+}
 
-    let place = Vec3::new(side * 1.5, 1.0, 0.75) * r.length + r.offset;
-    let mut node = Node::new("lamp").at(place);
-    node.light = Some(glb.light("lamp", Kind::Point, [1.0, 0.75, 0.5], 2.0 * r.candela));
-    glb.node(node);
-    let down = Vec3::new(-0.25 * side, -1.0, 0.125);
-    let mut node = Node::new("sun").turned(crate::gltf::looking(down));
-    node.light = Some(glb.light("sun", Kind::Directional, [1.0, 1.0, 0.75], 16.0 * r.lux));
-    node.extras = serde_json::json!({"angular_diameter": 0.5});
-    glb.node(node);
-    let sky: Vec<f32> = [0.5, 0.75, 1.0].iter().map(|c| c * r.radiance).collect();
-    glb.scene_extra("sky", serde_json::json!(sky));
+impl Room {
+    fn fit(self) -> glam::Affine3A {
+        let side = if self.mirrored { -1.0 } else { 1.0 };
+        glam::Affine3A::from_scale(Vec3::new(side, 1.0, 1.0) * self.length)
+    }
+}
+
+/// The same room without any light and all white.
+#[must_use]
+pub fn bare_room() -> Vec<u8> {
+    let mut glb = Glb::new();
+    let white = glb.material(&Material::matte("white", [0.7, 0.7, 0.65]));
+    walls(&mut glb, Room::default(), [white; 3]);
     glb.finish()
 }
 

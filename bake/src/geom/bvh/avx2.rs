@@ -5,7 +5,7 @@
 
 use super::Bvh;
 use super::node::{Block, Hits, Lanes, Node};
-use super::traverse::{self, Kernel, Slabs};
+use super::traverse::{self, ALL, Kernel, Slabs};
 use crate::geom::ray::{Hit, Ray, WatertightRay};
 use std::arch::x86_64::{
     __m256, _CMP_EQ_OQ, _CMP_LE_OQ, _CMP_LT_OQ, _CMP_NEQ_UQ, _mm256_add_ps, _mm256_and_ps, _mm256_andnot_ps,
@@ -28,16 +28,26 @@ impl Available {
 
     #[inline]
     #[expect(unsafe_code, reason = "needs the processor's features")]
-    pub(super) fn closest(self, bvh: &Bvh, ray: &Ray, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
+    pub(super) fn closest<const ASKS: bool>(
+        self,
+        bvh: &Bvh,
+        ray: &Ray,
+        accept: impl Fn(&Hit) -> bool,
+    ) -> Option<Hit> {
         // SAFETY: `self` exists only where `detect` found the features.
-        unsafe { closest(bvh, ray, accept) }
+        unsafe { closest::<ASKS>(bvh, ray, accept) }
     }
 
     #[inline]
     #[expect(unsafe_code, reason = "needs the processor's features")]
-    pub(super) fn occluded(self, bvh: &Bvh, ray: &Ray, blocks: impl FnMut(&Hit) -> bool) -> bool {
+    pub(super) fn occluded<const ASKED: u8>(
+        self,
+        bvh: &Bvh,
+        ray: &Ray,
+        blocks: impl FnMut(&Hit) -> bool,
+    ) -> bool {
         // SAFETY: as above.
-        unsafe { occluded::<false>(bvh, ray, blocks) }
+        unsafe { occluded::<ASKED>(bvh, ray, blocks) }
     }
 
     #[inline]
@@ -48,18 +58,18 @@ impl Available {
             false
         };
         // SAFETY: as above.
-        unsafe { occluded::<true>(bvh, ray, pass) };
+        unsafe { occluded::<ALL>(bvh, ray, pass) };
     }
 }
 
 #[target_feature(enable = "avx2,fma,bmi1")]
-fn closest(bvh: &Bvh, ray: &Ray, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
-    traverse::closest::<Avx2>(bvh, ray, accept)
+fn closest<const ASKS: bool>(bvh: &Bvh, ray: &Ray, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
+    traverse::closest::<Avx2, ASKS>(bvh, ray, accept)
 }
 
 #[target_feature(enable = "avx2,fma,bmi1")]
-fn occluded<const ALL: bool>(bvh: &Bvh, ray: &Ray, blocks: impl FnMut(&Hit) -> bool) -> bool {
-    traverse::occluded::<Avx2, ALL>(bvh, ray, blocks)
+fn occluded<const ASKED: u8>(bvh: &Bvh, ray: &Ray, blocks: impl FnMut(&Hit) -> bool) -> bool {
+    traverse::occluded::<Avx2, ASKED>(bvh, ray, blocks)
 }
 
 struct Avx2 {

@@ -36,6 +36,7 @@ use crate::geom::ray::{Hit, Ray};
 use crate::geom::world::World;
 use node::{Block, Child, Node};
 use portable::Portable;
+use traverse::{ALL, NONE, SOME};
 
 /// How a triangle lets light through, as far as the traversal has to know.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,6 +55,8 @@ pub struct Bvh {
     blocks: Vec<Block>,
     /// Which triangles of each block are [`Opacity::Ask`].
     asking: Vec<u8>,
+    /// Whether rays look up which those are.
+    asks: bool,
     root: Child,
     #[cfg(target_arch = "x86_64")]
     avx2: Option<avx2::Available>,
@@ -65,6 +68,7 @@ impl Default for Bvh {
             nodes: Vec::new(),
             blocks: vec![Block::empty()],
             asking: vec![0],
+            asks: false,
             root: Child::NOTHING,
             #[cfg(target_arch = "x86_64")]
             avx2: avx2::Available::detect(),
@@ -79,7 +83,38 @@ impl Bvh {
     ///
     /// If the tree is deeper than the traversal's stack, which no real geometry reaches.
     pub fn build(world: &World, take: impl Fn(u32) -> Option<Opacity>) -> Result<Self, Error> {
-        build::build(world, take)
+        let mut bvh = build::build(world, take)?;
+        bvh.asks = bvh.asking.iter().any(|a| *a != 0);
+        Ok(bvh)
+    }
+
+    /// Whether every triangle is [`Opacity::Opaque`] and rays rely on it: none of them asks its caller.
+    #[must_use]
+    #[inline]
+    pub fn is_opaque(&self) -> bool {
+        !self.asks
+    }
+
+    /// Lets rays look up whether triangles are [`Opacity::Ask`] although none is.
+    pub fn ask_always(&mut self) {
+        self.asks = true;
+    }
+
+    /// Whether rays meet eight boxes at once with AVX2.
+    #[must_use]
+    pub fn uses_avx2(&self) -> bool {
+        #[cfg(target_arch = "x86_64")]
+        return self.avx2.is_some();
+        #[cfg(not(target_arch = "x86_64"))]
+        false
+    }
+
+    /// Takes the plain loops even where the processor has AVX2: the same results.
+    pub fn use_plain_loops(&mut self) {
+        #[cfg(target_arch = "x86_64")]
+        {
+            self.avx2 = None;
+        }
     }
 
     /// The nearest hit. `accept` is asked about triangles built with [`Opacity::Ask`].
@@ -88,9 +123,17 @@ impl Bvh {
     pub fn closest(&self, ray: &Ray, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
         #[cfg(target_arch = "x86_64")]
         if let Some(avx2) = self.avx2 {
-            return avx2.closest(self, ray, accept);
+            return if self.asks {
+                avx2.closest::<true>(self, ray, accept)
+            } else {
+                avx2.closest::<false>(self, ray, accept)
+            };
         }
-        traverse::closest::<Portable>(self, ray, accept)
+        if self.asks {
+            traverse::closest::<Portable, true>(self, ray, accept)
+        } else {
+            traverse::closest::<Portable, false>(self, ray, accept)
+        }
     }
 
     /// Whether anything blocks the ray before its end. `blocks` is asked about triangles built with
@@ -101,9 +144,17 @@ impl Bvh {
     pub fn occluded(&self, ray: &Ray, blocks: impl FnMut(&Hit) -> bool) -> bool {
         #[cfg(target_arch = "x86_64")]
         if let Some(avx2) = self.avx2 {
-            return avx2.occluded(self, ray, blocks);
+            return if self.asks {
+                avx2.occluded::<SOME>(self, ray, blocks)
+            } else {
+                avx2.occluded::<NONE>(self, ray, blocks)
+            };
         }
-        traverse::occluded::<Portable, false>(self, ray, blocks)
+        if self.asks {
+            traverse::occluded::<Portable, SOME>(self, ray, blocks)
+        } else {
+            traverse::occluded::<Portable, NONE>(self, ray, blocks)
+        }
     }
 
     /// Visits every hit before the ray's end once, in an order that is the same on every run.
@@ -112,7 +163,7 @@ impl Bvh {
         if let Some(avx2) = self.avx2 {
             return avx2.every(self, ray, visit);
         }
-        traverse::occluded::<Portable, true>(self, ray, |hit| {
+        traverse::occluded::<Portable, ALL>(self, ray, |hit| {
             visit(hit);
             false
         });

@@ -155,9 +155,22 @@ fn is_valid(ray: &Ray) -> bool {
     ray.origin.is_finite() && ray.direction.is_finite() && 0.0 < ray.t_max
 }
 
-/// See [`Bvh::closest`].
+/// [`occluded`] asks about no triangle: all of them are [`super::Opacity::Opaque`].
+pub(super) const NONE: u8 = 0;
+
+/// It asks about those that are [`super::Opacity::Ask`].
+pub(super) const SOME: u8 = 1;
+
+/// It asks about every triangle.
+pub(super) const ALL: u8 = 2;
+
+/// See [`Bvh::closest`]; without `ASKS` every triangle counts.
 #[inline(always)]
-pub(super) fn closest<K: Kernel>(bvh: &Bvh, ray: &Ray, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
+pub(super) fn closest<K: Kernel, const ASKS: bool>(
+    bvh: &Bvh,
+    ray: &Ray,
+    accept: impl Fn(&Hit) -> bool,
+) -> Option<Hit> {
     if !is_valid(ray) {
         return None;
     }
@@ -208,7 +221,7 @@ pub(super) fn closest<K: Kernel>(bvh: &Bvh, ray: &Ray, accept: impl Fn(&Hit) -> 
                 let lane = take(&mut mask);
                 let hit = hits.get(lane, block.triangle[lane]);
                 let nearer = hit.t < best.t || (hit.t == best.t && hit.triangle < best.triangle);
-                if nearer && (!bvh.asks(current, lane) || ask(&accept, &hit)) {
+                if nearer && (!ASKS || !bvh.asks(current, lane) || ask(&accept, &hit)) {
                     best = hit;
                     limit = hit.t.next_up();
                 }
@@ -224,9 +237,9 @@ pub(super) fn closest<K: Kernel>(bvh: &Bvh, ray: &Ray, accept: impl Fn(&Hit) -> 
     }
 }
 
-/// See [`Bvh::occluded`]; with `ALL`, every triangle is asked about.
+/// See [`Bvh::occluded`]; `ASKED` says about which triangles: [`NONE`], [`SOME`] or [`ALL`].
 #[inline(always)]
-pub(super) fn occluded<K: Kernel, const ALL: bool>(
+pub(super) fn occluded<K: Kernel, const ASKED: u8>(
     bvh: &Bvh,
     ray: &Ray,
     mut blocks: impl FnMut(&Hit) -> bool,
@@ -245,7 +258,7 @@ pub(super) fn occluded<K: Kernel, const ALL: bool>(
             let block = bvh.block(current);
             let mut mask = kernel.triangles(block, ray.t_max, &mut hits);
             if mask != 0 {
-                if !ALL && mask & !bvh.asking(current) != 0 {
+                if ASKED == NONE || (ASKED == SOME && mask & !bvh.asking(current) != 0) {
                     return true;
                 }
                 while mask != 0 {
