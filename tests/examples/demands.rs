@@ -1,5 +1,5 @@
 //! Measures what README says of accuracy over time, hard cases and effects, and writes it there:
-//! `cargo run --release -p suite --example demands`, about an hour on two cores. With words such as `study`, `targets`, `stability` or `effects` it
+//! `cargo run --release -p suite --example demands`, about an hour on two cores. With the words `study`, `target`, `stability` and `effects` it
 //! does these alone; with `readme` it only puts together what lies in `data`.
 
 #![expect(clippy::print_stdout, reason = "progress is reported")]
@@ -48,8 +48,14 @@ const STUDIES: [Study; 2] = [
 /// What the whole-tool tests write.
 const TESTS: [&str; 3] = ["target", "stability", "effects"];
 
+/// What can be asked for.
+const WORDS: [&str; 5] = ["study", "target", "stability", "effects", "readme"];
+
 fn main() -> Result<(), Box<dyn Error>> {
     let asked: Vec<String> = std::env::args().skip(1).collect();
+    if let Some(odd) = asked.iter().find(|a| !WORDS.contains(&a.as_str())) {
+        return Err(format!("{odd}: write some of {}", WORDS.join(", ")).into());
+    }
     let wanted = |word: &str| asked.is_empty() || asked.iter().any(|a| a == word);
     if wanted("study") {
         for study in &STUDIES {
@@ -87,7 +93,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 /// Studies a scene and keeps its files in `data`.
 fn measure(study: &Study) -> Result<(), Box<dyn Error>> {
     let dir = tempfile::tempdir()?;
-    let scene = dir.path().join("scene.glb");
+    let scene = dir.path().join(format!("{}.glb", study.folder.trim_start_matches("study-")));
     let bytes = if study.folder == "study-lamps" {
         lamps(5_000, 50_000)
     } else {
@@ -106,6 +112,9 @@ fn measure(study: &Study) -> Result<(), Box<dyn Error>> {
         return Err("the study failed".into());
     }
     let to = root().join("data").join(study.folder);
+    if to.is_dir() {
+        fs::remove_dir_all(&to)?;
+    }
     fs::create_dir_all(&to)?;
     for file in fs::read_dir(dir.path().join("out"))? {
         let file = file?;

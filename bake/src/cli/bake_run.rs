@@ -43,7 +43,7 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
     let input = input::load(&args.scene)?;
     say::findings(&input.findings, false);
     plan::admit(&input.findings)?;
-    let settings = input::settings(&args.settings, &input.run, &input.scene)?;
+    let settings = input::settings(&args.settings, &input.run, (&input.scene, &input.document))?;
     let folder = folder(args, &input);
     let progress = match (args.work.progress, &input.run.progress) {
         (None, Some(text)) => Some(input::progress(text)?),
@@ -57,6 +57,10 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
         .map_err(|e| Error::Usage(format!("cannot start {threads} threads: {e}")))?;
     let strict = args.strict || input.run.strict.unwrap_or(false);
     let audit = args.audit.or(input.run.audit).unwrap_or(0);
+    if 0 < audit && matches!(settings.sampling, Sampling::Budget(_)) {
+        let what = "--audit takes as long as its texels need, and has no share of --time-budget; take --quality, --samples or --target-error";
+        return Err(Error::Usage(what.to_owned()));
+    }
     pool.install(|| {
         // A replay writes nothing.
         let staging = args.replay.is_none().then(|| Staging::begin(&folder)).transpose()?;
@@ -97,7 +101,7 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
         manifest.seams = plan.settings().seams.then(|| baked.seams.manifest());
         manifest.bias = baked.bias.figures().map(record::bias);
         let (error, denoised) = (manifest.error, manifest.denoised);
-        let closing = closing(&manifest, &baked.halving);
+        let closing = closing(&manifest, plan.settings().caches(), &baked.halving);
         watch.lap("write");
         interrupt.check()?;
         let timings =
@@ -185,16 +189,19 @@ impl Halving {
     }
 }
 
-/// Power with which the error fell over the last doubling of samples, or that of independent ones where that is not known.
+/// Power with which the error fell over the last doubling of samples; that of independent ones where fewer than three doublings are known, because the first
+/// rounds also gain by going where the variance is.
 fn power(curve: &[(f64, f64)]) -> f64 {
-    let Some(&(spent, error)) = curve.last() else { return INDEPENDENT };
-    let before = curve.iter().rev().find(|(s, _)| 1.9 * s <= spent);
+    let (Some(&(first, _)), Some(&(spent, error))) = (curve.first(), curve.last()) else {
+        return INDEPENDENT;
+    };
+    let before = curve.iter().rev().find(|(s, _)| 1.9 * s <= spent).filter(|_| 8.0 * first <= spent);
     let fell = before.map(|&(s, e)| (e / error).ln() / (spent / s).ln());
     fell.filter(|p| p.is_finite()).map_or(INDEPENDENT, |p| p.clamp(INDEPENDENT, FASTEST))
 }
 
 /// What a bake says of its error: how large, noise and bias, and what half of it would take.
-fn closing(manifest: &Manifest, halving: &Halving) -> Vec<(&'static str, String)> {
+fn closing(manifest: &Manifest, cached: bool, halving: &Halving) -> Vec<(&'static str, String)> {
     let mut out = Vec::new();
     let Some(relative) = manifest.error.relative else { return out };
     let percent = |x: f64| format!("{:.2} %", 100.0 * x);
@@ -211,30 +218,35 @@ fn closing(manifest: &Manifest, halving: &Halving) -> Vec<(&'static str, String)
             variance += (n * a.bias_std_err).powi(2);
         }
     }
-    if audited && 0.0 < light {
+    if audited && cached && 0.0 < light {
         let (off, error) = (100.0 * off / light, 100.0 * variance.sqrt() / light);
         text += &format!("; the irradiance cache changes the mean by {off:+.2} +- {error:.2} %");
     }
     out.push(("error", text));
     if let Some(b) = &manifest.bias {
-        let rms = if 2.0 * b.rms_std_err < b.rms {
-            format!("{} root mean square beyond noise", percent(b.rms))
-        } else {
-            format!("less than {} root mean square beyond noise", percent(b.rms.max(2.0 * b.rms_std_err)))
-        };
         let text = format!(
-            "{:+.2} +- {:.2} % of the mean, {rms}, at {} texels gathered without approximations",
+            "{:+.2} +- {:.2} % of the mean, {} root mean square beyond noise, at most about {}, at {} texels gathered without approximations",
             100.0 * b.mean,
             100.0 * b.mean_std_err,
+            percent(b.rms),
+            percent(b.rms_at_most),
             b.texels
         );
         out.push(("bias", text));
     }
     if let Some(more) = halving.more() {
-        let half = 0.5 * relative;
-        out.push(("next", format!("--target-error {half:.3} would take about {} more", say::duration(more))));
+        let half = rounded(0.5 * relative);
+        out.push(("next", format!("--target-error {half} would take about {} more", say::duration(more))));
     }
     out
+}
+
+/// With two significant digits, cut off.
+fn rounded(x: f64) -> String {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates, and is limited")]
+    let digits = ((1.0 - x.log10().floor()) as usize).min(12);
+    let scale = 10f64.powf(digits as f64);
+    format!("{:.digits$}", (x * scale).floor() / scale)
 }
 
 /// Seconds of stages by the clock, the longest first; those that take less than a hundredth are left out.
@@ -359,6 +371,7 @@ impl Job<'_> {
             let mut solution = say::watch(self.style, &name, total, &baked.monitor, self.interrupt, || {
                 let effort = effort(self.plan, settings.samples, settings.seed);
                 turned = facing::turned_charts(&unbiased, atlas, &map, number, effort, &baked.monitor);
+                self.watch.lap("facing");
                 let task = schedule::Task {
                     kernel: &kernel,
                     unbiased: &unbiased,

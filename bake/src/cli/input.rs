@@ -173,15 +173,27 @@ pub(crate) fn direct(arg: Option<DirectArg>, run: &RunConfig) -> Result<Direct, 
     })
 }
 
-/// How lights and tables are looked up: by the command line, else as usual.
-pub(crate) fn tuning(args: &TuningArgs) -> Tuning {
+/// How lights and tables are looked up: by the command line, else as usual. A file of tables is noted among the inputs.
+///
+/// # Errors
+///
+/// If the file cannot be read, and for options of tables that nobody looks into.
+pub(crate) fn tuning(args: &TuningArgs, media: MediaMode, document: &Document) -> Result<Tuning, Error> {
     let usual = Tuning::default();
-    Tuning {
+    if (args.tables.is_some() || args.zh_order.is_some()) && media != MediaMode::Table {
+        let what = "--tables and --zh-order are for --media table, which alone looks into response tables";
+        return Err(Error::Usage(what.to_owned()));
+    }
+    if let Some(path) = &args.tables {
+        let bytes = std::fs::read(path).map_err(Error::io(path, "cannot read"))?;
+        document.note_input(&path.to_string_lossy(), &bytes);
+    }
+    Ok(Tuning {
         light_samples: args.light_samples.unwrap_or(usual.light_samples),
         light_threshold: args.light_threshold.unwrap_or(usual.light_threshold),
         tables: args.tables.clone(),
         zh_order: args.zh_order.map_or(usual.zh_order, |n| n as usize),
-    }
+    })
 }
 
 /// How fine the light grid is: by the command line, else by the preset.
@@ -294,7 +306,11 @@ pub(crate) fn say_responses(tracing: &Tracing) {
 /// # Errors
 ///
 /// If a value is out of range.
-pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> Result<Settings, Error> {
+pub(crate) fn settings(
+    args: &SettingsArgs,
+    run: &RunConfig,
+    (scene, document): (&Scene, &Document),
+) -> Result<Settings, Error> {
     let quality = match (args.quality, &run.quality) {
         (Some(q), _) => q,
         (None, Some(text)) => word(text, "run.quality")?,
@@ -355,7 +371,7 @@ pub(crate) fn settings(args: &SettingsArgs, run: &RunConfig, scene: &Scene) -> R
         media,
         light_grid: light_grid(args.grid, quality),
         direct: direct(args.direct, run)?,
-        tuning: tuning(&args.tuning),
+        tuning: tuning(&args.tuning, media, document)?,
         directional,
         probes,
         seed: args.seed.or(run.seed).unwrap_or(0),

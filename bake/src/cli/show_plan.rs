@@ -26,7 +26,7 @@ pub(crate) fn run(args: &PlanArgs, interrupt: &Interrupt) -> Result<ExitCode, Er
     let input = input::load(&args.scene)?;
     say::findings(&input.findings, args.explain);
     plan::admit(&input.findings)?;
-    let settings = input::settings(&args.settings, &input.run, &input.scene)?;
+    let settings = input::settings(&args.settings, &input.run, (&input.scene, &input.document))?;
     let lights = input::lights(&input);
     let units = input.light_units.name();
     let pool = rayon::ThreadPoolBuilder::new()

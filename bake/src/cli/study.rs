@@ -6,9 +6,10 @@ use crate::cli::args::StudyArgs;
 use crate::cli::input;
 use crate::cli::say::{self, Interrupt, Style};
 use crate::cli::stopwatch;
-use crate::error::Error;
+use crate::error::{Error, Finding};
 use crate::geom::texel::TexelMap;
 use crate::plan::{self, Plan};
+use crate::scene::config::RunConfig;
 use crate::study::report::{self, Made};
 use crate::study::shots::Studio;
 use crate::study::{self, Options, Subject, sentences};
@@ -24,7 +25,8 @@ pub(crate) fn run(args: &StudyArgs, interrupt: &Interrupt) -> Result<ExitCode, E
     plan::admit(&input.findings)?;
     let name = input.document.name().to_owned();
     let folder = args.output.clone().unwrap_or_else(|| PathBuf::from(format!("{name}.study")));
-    report::check(&folder)?;
+    admit(&input.run)?;
+    report::prepare(&folder)?;
     let style = Style::new(args.work.progress);
     let stopped = || interrupt.raised();
     let program = std::env::current_exe().map_err(Error::io("bake", "cannot find this program"))?;
@@ -87,10 +89,26 @@ pub(crate) fn run(args: &StudyArgs, interrupt: &Interrupt) -> Result<ExitCode, E
     })
 }
 
+/// What a configuration says about runs would turn the knobs of every bake, references included.
+fn admit(run: &RunConfig) -> Result<(), Error> {
+    let allowed = RunConfig {
+        sky: run.sky.clone(),
+        light_units: run.light_units.clone(),
+        texels_per_metre: run.texels_per_metre,
+        ..RunConfig::default()
+    };
+    if *run == allowed {
+        return Ok(());
+    }
+    let what = "says how to bake, which a study turns by itself";
+    Err(Finding::error("run", what, "leave nothing in `[run]` but sky, light_units and texels_per_metre")
+        .into())
+}
+
 /// A plan at a density, of medium quality.
 fn plan_at(args: &StudyArgs, density: Option<f32>, interrupt: &Interrupt) -> Result<Plan, Error> {
     let input = input::load(&args.scene)?;
-    let mut settings = input::settings(&args.settings(), &input.run, &input.scene)?;
+    let mut settings = input::settings(&args.settings(), &input.run, (&input.scene, &input.document))?;
     settings.texels_per_metre = density.or(settings.texels_per_metre);
     plan::make(input.scene, input.findings, settings, &|_, _| !interrupt.raised())
 }

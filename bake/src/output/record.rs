@@ -115,7 +115,7 @@ pub fn bias(f: crate::solve::bias::Figures) -> manifest::Bias {
         mean: f.mean,
         mean_std_err: f.mean_std_err,
         rms: f.rms,
-        rms_std_err: f.rms_std_err,
+        rms_at_most: f.rms_at_most,
         noise: f.noise,
     }
 }
@@ -290,6 +290,7 @@ fn role(path: &str) -> &'static str {
     match extension.as_str() {
         "toml" => "config",
         "hdr" | "exr" => "sky",
+        "zht" => "tables",
         "bin" => "buffer",
         "png" | "jpg" | "jpeg" | "webp" => "image",
         _ => "scene",

@@ -4,13 +4,13 @@
 //! the mean of `(x - a)(x - b)` over texels is that of `(x - t)^2`, because what the references are off by is independent. Bakes
 //! of several seeds tell noise from bias the same way.
 
-use crate::study::shots::{Cost, Shot};
+use crate::study::shots::{Cost, Values};
 
 /// Part of the texels that is left out of [`Errors::error`]: next to a lamp the noise of unbiased paths has no bound, and few
 /// texels would decide. Which ones the references' stated errors say, so that no bake under study has a hand in it.
 const WORST: f64 = 0.01;
 
-/// Groups of texels from whose spread the uncertainty of an error follows.
+/// Runs of texels from whose spread the uncertainty of an error follows.
 const GROUPS: usize = 32;
 
 /// What bakes are compared with.
@@ -32,16 +32,26 @@ pub struct Errors {
     pub uncertainty: f64,
     /// The part that another seed changes.
     pub noise: f64,
-    /// The part that it does not.
+    /// The part that it does not; with few texels noise alone makes some of it, which [`Errors::is_biased`] knows.
     pub bias: f64,
+    /// Standard error of the square of `bias`.
+    pub bias_square_std_err: f64,
     /// As `error`, of all texels.
     pub all: f64,
+}
+
+impl Errors {
+    /// Whether there is a bias beyond two standard errors.
+    #[must_use]
+    pub fn is_biased(&self) -> bool {
+        2.0 * self.bias_square_std_err < self.bias * self.bias
+    }
 }
 
 impl Reference {
     /// From two long bakes of other seeds.
     #[must_use]
-    pub fn new(first: Shot, second: Shot) -> Self {
+    pub fn new(first: Values, second: Values) -> Self {
         let square = |i: usize| first.std_err[i].powi(2) + second.std_err[i].powi(2);
         let n = first.luminance.len().min(second.luminance.len());
         let mut order: Vec<usize> = (0..n).collect();
@@ -55,12 +65,11 @@ impl Reference {
         Self { a: first.luminance, b: second.luminance, kept, mean }
     }
 
-    /// The same for values at points, all of which count.
+    /// The same with only those texels or points for which `counts` holds.
     #[must_use]
-    pub fn of_points(a: Vec<f64>, b: Vec<f64>) -> Self {
-        let n = a.len().max(1) as f64;
-        let mean = a.iter().zip(&b).map(|(a, b)| 0.5 * (a + b)).sum::<f64>() / n;
-        Self { kept: vec![true; a.len()], a, b, mean }
+    pub fn only(&self, counts: impl Fn(usize) -> bool) -> Self {
+        let kept = (0..self.len()).map(|i| self.kept[i] && counts(i)).collect();
+        Self { kept, ..self.clone() }
     }
 
     /// Number of texels.
@@ -102,22 +111,35 @@ impl Reference {
         let kept = |i: usize| self.kept[i];
         let mse = self.average(kept, square);
         let noise = self.average(kept, variance);
-        let groups: Vec<f64> =
-            (0..GROUPS).map(|g| self.average(|i| self.kept[i] && i % GROUPS == g, square)).collect();
-        let mean = groups.iter().sum::<f64>() / GROUPS as f64;
-        let spread = groups.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (GROUPS * (GROUPS - 1)) as f64;
+        let spread = |of: &dyn Fn(usize) -> f64| self.spread(of);
+        let (mse_std_err, bias_std_err) = (spread(&square), spread(&|i| square(i) - variance(i)));
+        let mean2 = self.mean * self.mean;
         let error = self.root(mse);
         Errors {
             error,
-            uncertainty: if 0.0 < error {
-                0.5 * spread.sqrt() / (error * self.mean * self.mean)
-            } else {
-                0.0
-            },
+            uncertainty: if 0.0 < error { 0.5 * mse_std_err / (error * mean2) } else { 0.0 },
             noise: self.root(noise),
             bias: self.root(mse - noise),
+            bias_square_std_err: if 0.0 < mean2 { bias_std_err / mean2 } else { 0.0 },
             all: self.root(self.average(|_| true, square)),
         }
+    }
+
+    /// Standard error of the mean over texels that count, from runs of them: what is wrong is often wrong over many texels.
+    fn spread(&self, of: &dyn Fn(usize) -> f64) -> f64 {
+        let n = self.len();
+        let runs = GROUPS.min(n);
+        let means: Vec<f64> = (0..runs)
+            .map(|g| (g * n / runs, (g + 1) * n / runs))
+            .filter(|&(from, to)| (from..to).any(|i| self.kept[i]))
+            .map(|(from, to)| self.average(|i| from <= i && i < to && self.kept[i], of))
+            .collect();
+        let n = means.len() as f64;
+        if n < 2.0 {
+            return f64::INFINITY;
+        }
+        let mean = means.iter().sum::<f64>() / n;
+        (means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (n * (n - 1.0))).sqrt()
     }
 
     fn average(&self, counts: impl Fn(usize) -> bool, of: impl Fn(usize) -> f64) -> f64 {
@@ -153,6 +175,8 @@ pub struct Row {
     pub errors: Errors,
     /// Error that the bakes state.
     pub stated: Option<f64>,
+    /// Whether its bakes are denoised.
+    pub denoised: bool,
     /// Whether it competes with every other bake of the scene, as texels of the study's density do.
     pub competes: bool,
     /// Whether nothing that competes is both faster and better.
@@ -167,6 +191,10 @@ impl Row {
     /// where that is more than four times as many, or fewer, than were measured.
     #[must_use]
     pub fn seconds_at(&self, error: f64) -> Option<f64> {
+        if self.denoised {
+            // What a denoiser blurs depends on the noise, so nothing is known of other numbers of samples.
+            return (self.errors.error <= error).then(|| self.cost.seconds());
+        }
         let bias2 = (self.errors.error.powi(2) - self.errors.noise.powi(2)).max(0.0);
         let left = error * error - bias2;
         if left <= 0.0 {
@@ -179,9 +207,11 @@ impl Row {
 
 /// Marks the rows that nothing else beats in both time and error.
 pub fn mark_front(rows: &mut [Row]) {
+    // What the references cannot tell from none at all is no error to be proud of.
+    let counts = |r: &&Row| r.competes && 0.0 < r.errors.error;
     let competes: Vec<(f64, f64)> =
-        rows.iter().filter(|r| r.competes).map(|r| (r.cost.seconds(), r.errors.error)).collect();
-    for row in rows.iter_mut().filter(|r| r.competes) {
+        rows.iter().filter(counts).map(|r| (r.cost.seconds(), r.errors.error)).collect();
+    for row in rows.iter_mut().filter(|r| r.competes && 0.0 < r.errors.error) {
         let (seconds, error) = (row.cost.seconds(), row.errors.error);
         row.front = !competes.iter().any(|&(s, e)| s <= seconds && e <= error && (s < seconds || e < error));
     }
@@ -198,6 +228,8 @@ pub struct Standing {
     pub seconds: f64,
     /// Least seconds to the same error among all that competes, over the preset's own; at most 1.
     pub ratio: f64,
+    /// Standard error of `ratio`, from those of both errors.
+    pub ratio_std_err: f64,
     /// What takes least, where that is something else.
     pub rival: Option<String>,
 }
@@ -206,20 +238,23 @@ pub struct Standing {
 pub const WITHIN: f64 = 0.9;
 
 impl Standing {
-    /// Whether the preset is on the front, to within a tenth of its time.
+    /// Whether the preset is on the front, to within a tenth of its time and two standard errors.
     #[must_use]
     pub fn holds(&self) -> bool {
-        WITHIN <= self.ratio
+        WITHIN <= self.ratio + 2.0 * self.ratio_std_err
     }
 
     /// Of the row of a preset among `rows`.
     #[must_use]
     pub fn of(preset: &Row, rows: &[Row]) -> Self {
         let seconds = preset.cost.seconds();
-        let mut best = (seconds, None);
-        for row in rows.iter().filter(|r| r.competes) {
+        let mut best = (seconds, 0.0, None);
+        let unsure = |e: &Errors| if 0.0 < e.error { e.uncertainty / e.error } else { f64::INFINITY };
+        for row in rows.iter().filter(|r| r.competes && 0.0 < r.errors.error) {
             if let Some(s) = row.seconds_at(preset.errors.error).filter(|s| *s < best.0) {
-                best = (s, Some(format!("{} {} at {}", row.knob, row.setting, row.base)));
+                // Time goes with the square of the error.
+                let unsure = 2.0 * unsure(&preset.errors).hypot(unsure(&row.errors)) * s / seconds;
+                best = (s, unsure, Some(format!("{} {} at {}", row.knob, row.setting, row.base)));
             }
         }
         Self {
@@ -227,7 +262,8 @@ impl Standing {
             error: preset.errors.error,
             seconds,
             ratio: best.0 / seconds.max(f64::MIN_POSITIVE),
-            rival: best.1,
+            ratio_std_err: best.1,
+            rival: best.2,
         }
     }
 }
@@ -257,13 +293,8 @@ mod tests {
             .collect()
     }
 
-    fn shot(values: &[f64], std_err: f64) -> Shot {
-        Shot {
-            luminance: values.to_vec(),
-            std_err: vec![std_err; values.len()],
-            cost: Cost::default(),
-            stated: None,
-        }
+    fn shot(values: &[f64], std_err: f64) -> Values {
+        Values { luminance: values.to_vec(), std_err: vec![std_err; values.len()] }
     }
 
     fn plus(base: f64, noise: &[f64]) -> Vec<f64> {
@@ -281,6 +312,14 @@ mod tests {
         assert!((e.bias - 0.03).abs() < 0.003, "{e:?}");
         assert!((e.error - 0.05).abs() < 4.0 * e.uncertainty && e.uncertainty < 0.002, "{e:?}");
         assert!((reference.noise() - 0.05 / 2.0f64.sqrt()).abs() < 0.002);
+        assert!(e.is_biased());
+        // The same without bias: it is found in few of many cases.
+        let found = (0..40u64).filter(|s| {
+            let (x, y) = (plus(10.0, &noise(10 + 2 * s, 0.4)), plus(10.0, &noise(11 + 2 * s, 0.4)));
+            reference.errors(&[&x, &y]).is_biased()
+        });
+        let found = found.count();
+        assert!(found < 6, "{found} of 40");
     }
 
     #[test]
@@ -311,6 +350,7 @@ mod tests {
             cost,
             errors,
             stated: None,
+            denoised: false,
             competes: true,
             front: false,
         }

@@ -19,6 +19,36 @@ pub enum Measure {
     Probes,
 }
 
+impl Measure {
+    /// What errors are of, in a sentence.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Texels => "Errors of texels against unbiased paths.",
+            Self::AgainstFinest => {
+                "Errors of texels against the last setting with 512 paths, not against the truth."
+            }
+            Self::Fetches => {
+                "Errors of bilinear fetches at points on surfaces against unbiased paths from there."
+            }
+            Self::Probes => {
+                "Errors of irradiance on planes of any direction at points in the air, against unbiased paths from there; seconds of probes alone."
+            }
+        }
+    }
+
+    /// The same as a word.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Texels => "texels",
+            Self::AgainstFinest => "texels against the finest setting",
+            Self::Fetches => "fetches at points",
+            Self::Probes => "probes at points",
+        }
+    }
+}
+
 /// One way to set a knob.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Setting {
@@ -87,7 +117,7 @@ fn series(from: u32, to: u32, factor: u32) -> Vec<u32> {
 /// Everything that can be turned on a scene. `plan` is a plan of it at medium quality.
 #[must_use]
 pub fn all(plan: &Plan) -> Vec<Knob> {
-    let scatters = plan.tracing().media.is_some();
+    let scatters = plan.tracing().media.as_ref().is_some_and(Media::scatters);
     let medium = (Quality::Medium.name().to_owned(), plain(Quality::Medium));
     let on = |quality: Quality| (quality.name().to_owned(), plain(quality));
     let knob = |name, option, about, settings| Knob {
@@ -99,11 +129,16 @@ pub fn all(plan: &Plan) -> Vec<Knob> {
         settings,
         idle: None,
     };
-    let without_media = || (!scatters).then(|| "the scene has no medium".to_owned());
+    let without_media = || (!scatters).then(|| "no medium of the scene scatters".to_owned());
     let mut knobs = vec![
         Knob {
             settings: samples(&series(8, 1024, 2), 64),
-            ..knob("samples", "--quality, --samples", "Paths per texel", Vec::new())
+            ..knob(
+                "samples",
+                "--rounds",
+                "Paths per texel, half of them spread evenly, as presets do",
+                Vec::new(),
+            )
         },
         knob(
             "adaptive sampling",
@@ -185,12 +220,15 @@ pub fn all(plan: &Plan) -> Vec<Knob> {
             densities(plan),
         )
     });
+    let boxes = plan.scene().probe_boxes.is_some();
+    let placed = || boxes.then(|| "the scene says where its probes are".to_owned());
     let probes = |args: &[&str]| {
         ("medium".to_owned(), words(&[&["--quality", "medium", "--samples", "8"], args].concat()))
     };
     knobs.push(Knob {
         measure: Measure::Probes,
         base: probes(&[]),
+        idle: placed(),
         ..knob(
             "probe order",
             "--probes",
@@ -201,6 +239,7 @@ pub fn all(plan: &Plan) -> Vec<Knob> {
     knobs.push(Knob {
         measure: Measure::Probes,
         base: probes(&[]),
+        idle: placed(),
         ..knob(
             "probes",
             "--probe-count",

@@ -68,8 +68,10 @@ pub struct Report {
     pub presets: Vec<Row>,
     /// Each of them against everything else.
     pub standings: Vec<Standing>,
-    /// Every knob.
+    /// Every knob that was to be turned.
     pub knobs: Vec<Turned>,
+    /// Names of all knobs that there are.
+    pub names: Vec<&'static str>,
 }
 
 /// What a study needs to know.
@@ -110,7 +112,9 @@ struct Study<'a> {
 ///
 /// [`Error::Usage`] where a bake fails or a knob is not known, [`Error::Interrupted`], [`Error::Io`].
 pub fn run(subject: &Subject<'_>, options: &Options) -> Result<Report> {
-    let knobs = wanted(knobs::all(subject.plan), &options.only)?;
+    let all = knobs::all(subject.plan);
+    let names: Vec<&'static str> = all.iter().map(|k| k.name).collect();
+    let knobs = wanted(all, &options.only)?;
     let bakes: usize = knobs.iter().filter(|k| k.idle.is_none()).map(|k| k.settings.len()).sum();
     let mut study = Study {
         subject,
@@ -130,15 +134,22 @@ pub fn run(subject: &Subject<'_>, options: &Options) -> Result<Report> {
     let mut turned = Vec::new();
     for knob in knobs {
         let rows = match (&knob.idle, knob.measure) {
-            (Some(_), _) => Vec::new(),
-            (None, Measure::Texels) => study.texels(&knob, &truth)?,
-            (None, Measure::AgainstFinest) => study.against_finest(&knob)?,
+            (Some(_), _) => Ok(Vec::new()),
+            (None, Measure::Texels) => study.texels(&knob, &truth),
+            (None, Measure::AgainstFinest) => study.against_finest(&knob),
             (None, Measure::Fetches | Measure::Probes) => {
                 let places = places.get_or_insert_with(|| Places::new(subject.plan, &plain));
-                study.at_places(&knob, places)?
+                study.at_places(&knob, places)
             }
         };
-        turned.push(Turned { knob, rows });
+        // One knob that cannot be turned must not cost what is known of the others.
+        turned.push(match rows {
+            Ok(rows) => Turned { knob, rows },
+            Err(Error::Interrupted) => return Err(Error::Interrupted),
+            Err(e) => {
+                Turned { knob: Knob { idle: Some(format!("it failed: {e}")), ..knob }, rows: Vec::new() }
+            }
+        });
     }
     let mut rows: Vec<Row> = presets.iter().chain(turned.iter().flat_map(|t| &t.rows)).cloned().collect();
     mark_front(&mut rows);
@@ -157,6 +168,7 @@ pub fn run(subject: &Subject<'_>, options: &Options) -> Result<Report> {
         presets,
         standings,
         knobs: turned,
+        names,
     })
 }
 
@@ -167,12 +179,16 @@ fn wanted(knobs: Vec<Knob>, only: &[String]) -> Result<Vec<Knob>> {
     if only.is_empty() {
         return Ok(knobs);
     }
-    let mut names: Vec<&str> = knobs.iter().map(|k| k.name).collect();
-    names.dedup();
-    if let Some(odd) = only.iter().find(|o| !names.contains(&o.as_str())) {
+    let mut names: Vec<&str> = Vec::new();
+    for knob in &knobs {
+        if !names.contains(&knob.name) {
+            names.push(knob.name);
+        }
+    }
+    if let Some(odd) = only.iter().find(|o| !names.contains(&o.trim())) {
         return Err(Error::Usage(format!("--knobs {odd}: there are {}", names.join(", "))));
     }
-    Ok(knobs.into_iter().filter(|k| only.iter().any(|o| o == k.name)).collect())
+    Ok(knobs.into_iter().filter(|k| only.iter().any(|o| o.trim() == k.name)).collect())
 }
 
 impl Study<'_> {
@@ -197,10 +213,17 @@ impl Study<'_> {
         self.say(&format!("reference: {}", args.join(" ")));
         let first = self.subject.studio.shoot(&args, REFERENCES[0])?;
         let second = self.subject.studio.shoot(&args, REFERENCES[1])?;
+        let (first, second) = (first.values, second.values);
         if first.luminance.is_empty() || first.luminance.len() != second.luminance.len() {
             return Err(Error::Usage("the reference has no texels".to_owned()));
         }
-        Ok(Reference::new(first, second))
+        let found = Reference::new(first, second);
+        if found.mean() <= 0.0 {
+            return Err(Error::Usage(
+                "the scene is black: there is no error to measure; add a light or --sky".to_owned(),
+            ));
+        }
+        Ok(found)
     }
 
     fn presets(&mut self, truth: &Reference) -> Result<Vec<Row>> {
@@ -231,9 +254,9 @@ impl Study<'_> {
         let args = [&knob.base.1[..], &self.args(finest)?, &rounds].concat();
         let best = self.reference(&args)?;
         // Bakes of this knob are made with the same options elsewhere, but judged by something else.
-        self.made.clear();
+        let made = std::mem::take(&mut self.made);
         let rows = knob.settings.iter().map(|s| self.row(knob.name, &knob.base, s, &best, false)).collect();
-        self.made.clear();
+        self.made = made;
         rows
     }
 
@@ -282,13 +305,13 @@ impl Study<'_> {
                 let seeds = 1..=u64::from(self.options.seeds.max(2));
                 let shots: Vec<shots::Shot> =
                     seeds.map(|s| self.subject.studio.shoot(&args, s)).collect::<Result<_>>()?;
-                if shots.iter().any(|s| s.luminance.len() != truth.len()) {
+                if shots.iter().any(|s| s.values.luminance.len() != truth.len()) {
                     return Err(Error::Usage(format!(
                         "{knob} {}: other texels than the reference's",
                         setting.label
                     )));
                 }
-                let values: Vec<&[f64]> = shots.iter().map(|s| s.luminance.as_slice()).collect();
+                let values: Vec<&[f64]> = shots.iter().map(|s| s.values.luminance.as_slice()).collect();
                 let costs: Vec<Cost> = shots.iter().map(|s| s.cost).collect();
                 let stated: Option<f64> = shots.iter().map(|s| s.stated).sum();
                 let new = (truth.errors(&values), Cost::mean(&costs), stated.map(|s| s / shots.len() as f64));
@@ -297,7 +320,7 @@ impl Study<'_> {
             }
         };
         self.done += 1.0;
-        Ok(row(knob, base, setting, (cost, errors, stated), competes))
+        Ok(self.row_of(knob, base, setting, (cost, errors, stated), competes))
     }
 
     /// Errors at points: fetches from lightmaps of other densities, or light probes.
@@ -315,7 +338,10 @@ impl Study<'_> {
                 places.on_surfaces(studio, &truth, seed)
             }
         };
-        let truth = Reference::of_points(at(REFERENCES[0])?, at(REFERENCES[1])?);
+        let truth = Reference::new(at(REFERENCES[0])?, at(REFERENCES[1])?);
+        if truth.is_empty() || truth.mean() <= 0.0 {
+            return Err(Error::Usage("no place is lit at which bakes could be compared".to_owned()));
+        }
         let mut rows = Vec::new();
         for setting in &knob.settings {
             self.say(&format!("{} {}", knob.name, setting.label));
@@ -339,10 +365,42 @@ impl Study<'_> {
             }
             let values: Vec<&[f64]> = values.iter().map(Vec::as_slice).collect();
             self.done += 1.0;
+            // Beyond the lattice there is nothing to compare.
+            let truth = truth.only(|i| values.iter().all(|v| v[i].is_finite()));
             let found = (Cost::mean(&costs), truth.errors(&values), None);
-            rows.push(row(knob.name, &knob.base, setting, found, false));
+            rows.push(self.row_of(knob.name, &knob.base, setting, found, false));
         }
         Ok(rows)
+    }
+}
+
+impl Study<'_> {
+    fn row_of(
+        &self,
+        knob: &str,
+        base: &(String, Vec<String>),
+        setting: &Setting,
+        (cost, errors, stated): (Cost, Errors, Option<f64>),
+        competes: bool,
+    ) -> Row {
+        let mut args = [&base.1[..], &setting.args].concat();
+        if !args.iter().any(|a| a == "--texels-per-metre") {
+            args.extend(self.density());
+        }
+        let denoised = args.chunks(2).rfind(|p| p[0] == "--denoise").is_some_and(|p| p[1] != "off");
+        Row {
+            knob: knob.to_owned(),
+            base: base.0.clone(),
+            setting: setting.label.clone(),
+            args: args.join(" "),
+            usual: setting.usual,
+            cost,
+            errors,
+            stated,
+            denoised,
+            competes,
+            front: false,
+        }
     }
 }
 
@@ -353,27 +411,6 @@ fn normal(args: &[String]) -> Vec<String> {
         pairs.insert(pair[0].clone(), pair.get(1).cloned().unwrap_or_default());
     }
     pairs.into_iter().flat_map(|(a, b)| [a, b]).collect()
-}
-
-fn row(
-    knob: &str,
-    base: &(String, Vec<String>),
-    setting: &Setting,
-    (cost, errors, stated): (Cost, Errors, Option<f64>),
-    competes: bool,
-) -> Row {
-    Row {
-        knob: knob.to_owned(),
-        base: base.0.clone(),
-        setting: setting.label.clone(),
-        args: [&base.1[..], &setting.args].concat().join(" "),
-        usual: setting.usual,
-        cost,
-        errors,
-        stated,
-        competes,
-        front: false,
-    }
 }
 
 #[cfg(test)]

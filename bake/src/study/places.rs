@@ -6,7 +6,7 @@ use crate::output::{exr, folder};
 use crate::plan::Plan;
 use crate::sample::warp::{square_to_cone, square_to_triangle};
 use crate::sample::{Sequence, sequence};
-use crate::study::shots::{Studio, luminance};
+use crate::study::shots::{Studio, Values, luminance};
 use crate::transport::Kernel;
 use glam::{Vec2, Vec3, Vec3A};
 use serde_json::{Value, json};
@@ -50,7 +50,7 @@ pub struct Places {
 }
 
 impl Places {
-    /// Chooses places, evenly by area.
+    /// Chooses places, evenly by area of what is not inside of something.
     #[must_use]
     pub fn new(plan: &Plan, kernel: &Kernel<'_>) -> Self {
         let world = &plan.tracing().world;
@@ -79,6 +79,12 @@ impl Places {
             #[expect(clippy::cast_possible_truncation, reason = "an index of a triangle")]
             let t = t as u32;
             let at = world.point(t, bary);
+            // Insides of bodies are filled from their charts.
+            let inside =
+                kernel.meets_back(at.position + at.geometric_normal * at.offset, at.geometric_normal);
+            if inside {
+                continue;
+            }
             let (surface, local) = world.locate(t);
             places.on.push(OnSurface { surface, local, bary });
             places.surface.push([Vec3::from(at.position) + world.origin, at.shading_normal.into()]);
@@ -101,7 +107,7 @@ impl Places {
     /// # Errors
     ///
     /// As [`Studio::points`].
-    pub fn on_surfaces(&self, studio: &Studio<'_>, args: &[String], seed: u64) -> Result<Vec<f64>> {
+    pub fn on_surfaces(&self, studio: &Studio<'_>, args: &[String], seed: u64) -> Result<Values> {
         ask(studio, &self.surface, args, seed)
     }
 
@@ -110,7 +116,7 @@ impl Places {
     /// # Errors
     ///
     /// As [`Studio::points`].
-    pub fn in_the_air(&self, studio: &Studio<'_>, args: &[String], seed: u64) -> Result<Vec<f64>> {
+    pub fn in_the_air(&self, studio: &Studio<'_>, args: &[String], seed: u64) -> Result<Values> {
         ask(studio, &self.air, args, seed)
     }
 
@@ -139,7 +145,7 @@ impl Places {
             .collect()
     }
 
-    /// Luminance that the probes of a bake have in the air, `E / pi` in nits.
+    /// Luminance that the probes of a bake have in the air, `E / pi` in nits; NaN where no probe is.
     ///
     /// # Errors
     ///
@@ -150,7 +156,7 @@ impl Places {
         let volume =
             ProbeVolume::from_bytes(&bytes).map_err(|e| Error::Usage(format!("{}: {e}", path.display())))?;
         let light = |[p, n]: &[Vec3; 2]| {
-            volume.light(p.to_array()).map_or(0.0, |l| luminance(l.irradiance(n.to_array())))
+            volume.light(p.to_array()).map_or(f64::NAN, |l| luminance(l.irradiance(n.to_array())))
         };
         Ok(self.air.iter().map(light).collect())
     }
@@ -169,19 +175,23 @@ fn bilinear(values: &[f32], width: usize, height: usize, at: Vec2) -> f32 {
     row(y) * (1.0 - v) + row(y1) * v
 }
 
-fn ask(studio: &Studio<'_>, places: &[[Vec3; 2]], args: &[String], seed: u64) -> Result<Vec<f64>> {
+fn ask(studio: &Studio<'_>, places: &[[Vec3; 2]], args: &[String], seed: u64) -> Result<Values> {
     let list: Vec<Value> =
         places.iter().map(|[p, n]| json!({"position": p.to_array(), "normal": n.to_array()})).collect();
     let text = studio.points(&json!({ "points": list }).to_string(), args, seed)?;
     let odd = || Error::Usage("`bake points` gave an answer that cannot be read".to_owned());
     let answer: Value = serde_json::from_str(&text).map_err(|_| odd())?;
     let list = answer["points"].as_array().filter(|l| l.len() == places.len()).ok_or_else(odd)?;
-    list.iter()
-        .map(|entry| {
-            let channel = |c: usize| entry["irradiance"][c].as_f64().ok_or_else(odd);
-            Ok((0.2126 * channel(0)? + 0.7152 * channel(1)? + 0.0722 * channel(2)?) / f64::from(PI))
-        })
-        .collect()
+    let of = |entry: &Value, what: &str| {
+        let channel = |c: usize| entry[what][c].as_f64().ok_or_else(odd);
+        Ok::<f64, Error>((0.2126 * channel(0)? + 0.7152 * channel(1)? + 0.0722 * channel(2)?) / f64::from(PI))
+    };
+    let mut values = Values::default();
+    for entry in list {
+        values.luminance.push(of(entry, "irradiance")?);
+        values.std_err.push(of(entry, "std_err")?);
+    }
+    Ok(values)
 }
 
 #[cfg(test)]

@@ -76,8 +76,7 @@ fn panel<B: DrawingBackend>(
     bias: bool,
 ) -> Result<()> {
     let rows = || curves.iter().flat_map(|c| &c.rows);
-    let shows_bias =
-        |r: &Row| bias && 2.0 * r.errors.uncertainty < r.errors.bias && 0.2 * r.errors.error < r.errors.bias;
+    let shows_bias = |r: &Row| bias && r.errors.is_biased() && 0.2 * r.errors.error < r.errors.bias;
     let errors =
         rows().flat_map(|r| [r.errors.error, if shows_bias(r) { r.errors.bias } else { r.errors.error }]);
     let mut chart = ChartBuilder::on(area)

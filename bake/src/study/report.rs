@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::study::figures::Row;
+use crate::study::knobs::Measure;
 use crate::study::plots::{self, Curve};
 use crate::study::sentences::{self, percent, seconds};
 use crate::study::{Report, Turned};
@@ -26,23 +27,28 @@ pub struct Made {
 /// The file that says that a folder is a study.
 pub const CSV: &str = "study.csv";
 
-const HEADER: &str = "knob,base,setting,usual,options,processor_seconds,sampling_seconds,wall_seconds,error,error_std_err,noise,bias,error_all_texels,stated_error,competes,front\n";
+const HEADER: &str = "knob,base,setting,usual,measure,options,processor_seconds,sampling_seconds,wall_seconds,error,error_std_err,noise,bias,error_all_texels,stated_error,competes,front\n";
 
 /// All rows as comma-separated values.
 #[must_use]
 pub fn csv(report: &Report) -> String {
     let mut text = HEADER.to_owned();
+    let measure = |r: &Row| {
+        let knob = report.knobs.iter().find(|k| k.knob.name == r.knob);
+        knob.map_or(Measure::Texels, |k| k.knob.measure).name()
+    };
     for r in rows(report) {
         let e = &r.errors;
         let stated = r.stated.map_or_else(String::new, |s| format!("{s:.6}"));
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "{},{},{},{},{},{:.4},{:.4},{:.4},{:.6},{:.6},{:.6},{:.6},{:.6},{stated},{},{}",
+            "{},{},{},{},{},{},{:.4},{:.4},{:.4},{:.6},{:.6},{:.6},{:.6},{:.6},{stated},{},{}",
             quoted(&r.knob),
             quoted(&r.base),
             quoted(&r.setting),
             r.usual,
+            measure(r),
             quoted(&r.args),
             r.cost.seconds(),
             r.cost.sampling,
@@ -114,19 +120,22 @@ fn plots(report: &Report) -> Result<BTreeMap<String, String>> {
     Ok(out)
 }
 
-/// Writes a study into a folder, which is made, or which holds an older one.
+/// Writes a study into a folder that [`prepare`] has made.
 ///
 /// # Errors
 ///
-/// [`Error::Usage`] for a folder with other things in it, [`Error::Io`].
+/// [`Error::Io`].
 pub fn write(report: &Report, made: &Made, folder: &Path) -> Result<()> {
-    check(folder)?;
-    fs::create_dir_all(folder).map_err(Error::io(folder, "cannot create"))?;
     let plots = plots(report)?;
-    let mut files: BTreeMap<String, String> = BTreeMap::new();
-    files.insert("study.html".to_owned(), html(report, made, &plots));
-    files.insert(CSV.to_owned(), csv(report));
-    files.extend(plots);
+    // Those of an older study of more knobs would not fit any more.
+    for stale in report.names.iter().map(|n| file_name(n)).filter(|n| !plots.contains_key(n)) {
+        let path = folder.join(stale);
+        if path.is_file() {
+            fs::remove_file(&path).map_err(Error::io(&path, "cannot remove"))?;
+        }
+    }
+    let html = ("study.html".to_owned(), html(report, made, &plots));
+    let files = std::iter::once((CSV.to_owned(), csv(report))).chain(plots).chain([html]);
     // Each file is there as a whole or not at all.
     for (name, text) in files {
         let (part, path) = (folder.join(format!(".{name}.part")), folder.join(&name));
@@ -136,12 +145,12 @@ pub fn write(report: &Report, made: &Made, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Whether a study may be written into a folder.
+/// Makes a folder for a study, or takes one that holds an older one, which stays until the new one is done.
 ///
 /// # Errors
 ///
-/// [`Error::Usage`] where it holds anything else.
-pub fn check(folder: &Path) -> Result<()> {
+/// [`Error::Usage`] where it holds anything else, [`Error::Io`] where it cannot be made or written into.
+pub fn prepare(folder: &Path) -> Result<()> {
     let others = fs::read_dir(folder).map(|mut entries| entries.next().is_some()).unwrap_or(false);
     if others && !folder.join(CSV).is_file() {
         return Err(Error::Usage(format!(
@@ -149,7 +158,9 @@ pub fn check(folder: &Path) -> Result<()> {
             folder.display()
         )));
     }
-    Ok(())
+    fs::create_dir_all(folder).map_err(Error::io(folder, "cannot create"))?;
+    let csv = folder.join(CSV);
+    if csv.is_file() { Ok(()) } else { fs::write(&csv, HEADER).map_err(Error::io(&csv, "cannot write")) }
 }
 
 const STYLE: &str = "body{font:16px/1.5 sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;color:#222}\
@@ -163,7 +174,7 @@ fn html(report: &Report, made: &Made, plots: &BTreeMap<String, String>) -> Strin
     let _ = write!(
         t,
         "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><title>{title}</title><style>{STYLE}</style>\n<h1>{title}</h1>\n\
-         <p>{} texels, {:.3} a metre. Errors are root mean squares of luminance against two references of {} unbiased paths a texel, \
+         <p>{} texels, {:.3} a metre. Unless a knob says otherwise errors are root mean squares of luminance against two references of {} unbiased paths a texel, \
          whose own noise ({} of the mean) does not count, as parts of the mean; of texels the worst hundredth is left out, as the references' \
          stated errors say. Noise is what {} seeds differ by, bias is the rest; hollow points in the plots are bias. Seconds are those of processors for all \
          that a knob can change: pilot, light grid, cache, sampling, denoising. Measured on {} with {} threads, {}, version {}.</p>\n",
@@ -193,9 +204,10 @@ fn html(report: &Report, made: &Made, plots: &BTreeMap<String, String>) -> Strin
         if let Some(first) = list.first() {
             let _ = writeln!(
                 t,
-                "<p>{} (<code>{}</code>).</p>",
+                "<p>{} (<code>{}</code>). {}</p>",
                 escaped(first.knob.about),
-                escaped(first.knob.option)
+                escaped(first.knob.option),
+                first.knob.measure.words()
             );
         }
         for turned in &list {
@@ -216,7 +228,7 @@ fn table<'a>(rows: impl Iterator<Item = &'a Row>) -> String {
     );
     for r in rows {
         let e = &r.errors;
-        let bias = if e.bias < 2.0 * e.uncertainty { "-".to_owned() } else { percent(e.bias) };
+        let bias = if e.is_biased() { percent(e.bias) } else { "-".to_owned() };
         let _ = writeln!(
             t,
             "<tr{}><td>{}</td><td>{}</td><td>{}</td><td>{} ± {}</td><td>{}</td><td>{bias}</td><td>{}</td><td>{}</td></tr>",
@@ -252,10 +264,11 @@ mod tests {
     #[test]
     fn a_folder_of_something_else_is_left_alone() {
         let dir = tempfile::tempdir().expect("a temporary folder");
-        assert!(check(dir.path()).is_ok() && check(&dir.path().join("none")).is_ok());
+        assert!(prepare(&dir.path().join("none")).is_ok());
+        assert!(prepare(&dir.path().join("none")).is_ok(), "its own");
+        fs::write(dir.path().join("file"), "x").expect("written");
+        assert!(prepare(&dir.path().join("file")).is_err(), "no folder");
         fs::write(dir.path().join("thesis.txt"), "x").expect("written");
-        assert!(check(dir.path()).is_err());
-        fs::write(dir.path().join(CSV), HEADER).expect("written");
-        assert!(check(dir.path()).is_ok());
+        assert!(prepare(dir.path()).is_err());
     }
 }

@@ -11,7 +11,7 @@ const ALIKE: f64 = 1.1;
 pub fn percent(x: f64) -> String {
     let p = 100.0 * x;
     match p {
-        p if p < 1e-3 => "0 %".to_owned(),
+        p if p < 5e-3 => "under 0.01 %".to_owned(),
         p if p < 1.0 => format!("{p:.2} %"),
         p if p < 100.0 => format!("{p:.1} %"),
         p => format!("{p:.0} %"),
@@ -79,7 +79,9 @@ pub fn about(turned: &Turned) -> String {
     }
     text += ".";
     let by = |a: &&Row, b: &&Row| efficiency(a).total_cmp(&efficiency(b));
-    if let (Some(choice), Some(usual)) = (rows.iter().max_by(by), rows.iter().find(|r| r.usual)) {
+    // Errors that cannot be told from none would bring more than anything.
+    let known = || rows.iter().filter(|r| 2.0 * r.errors.uncertainty < r.errors.error);
+    if let (Some(choice), Some(usual)) = (known().max_by(by), known().find(|r| r.usual)) {
         let gain = efficiency(choice) / efficiency(usual);
         text += &if choice.setting == usual.setting || gain < ALIKE {
             format!(" The usual {} brings the most for its time, or within a tenth of it.", usual.setting)
@@ -90,7 +92,7 @@ pub fn about(turned: &Turned) -> String {
             )
         };
     }
-    let biased = |r: &&Row| r.errors.noise < r.errors.bias && 2.0 * r.errors.uncertainty < r.errors.bias;
+    let biased = |r: &&Row| r.errors.noise < r.errors.bias && r.errors.is_biased();
     let list: Vec<String> =
         rows.iter().filter(biased).map(|r| format!("{} by {}", r.setting, percent(r.errors.bias))).collect();
     if !list.is_empty() {
@@ -128,7 +130,7 @@ mod tests {
     fn numbers_read_well() {
         assert_eq!(
             [percent(0.0), percent(0.00123), percent(0.0456), percent(3.7)],
-            ["0 %", "0.12 %", "4.6 %", "370 %"]
+            ["under 0.01 %", "0.12 %", "4.6 %", "370 %"]
         );
         assert_eq!(
             [seconds(0.0123), seconds(1.234), seconds(45.6), seconds(321.0)],

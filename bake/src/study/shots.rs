@@ -12,7 +12,7 @@ use tempfile::TempDir;
 
 /// Stages whose time a knob can change; loading, unwrapping and writing are left out.
 const WORK: [&str; 9] =
-    ["pilot", "light grid", "cache", "probes", "sample", "audit", "directions", "denoise", "stitch"];
+    ["pilot", "light grid", "cache", "probes", "facing", "sample", "directions", "denoise", "stitch"];
 
 /// The stage of which more samples ask for more.
 const SAMPLE: &str = "sample";
@@ -67,13 +67,20 @@ impl Cost {
     }
 }
 
-/// A finished bake.
-#[derive(Debug)]
-pub struct Shot {
-    /// Luminance of the covered texels of all pages, nits.
+/// Luminance somewhere.
+#[derive(Clone, Debug, Default)]
+pub struct Values {
+    /// Luminance, nits: of covered texels of all pages, or at points.
     pub luminance: Vec<f64>,
     /// Its stated standard error, nits.
     pub std_err: Vec<f64>,
+}
+
+/// A finished bake.
+#[derive(Debug)]
+pub struct Shot {
+    /// Its texels.
+    pub values: Values,
     /// What it took.
     pub cost: Cost,
     /// Relative error that the manifest states; after denoising where that was done.
@@ -185,13 +192,17 @@ impl<'a> Studio<'a> {
                 None => std::thread::sleep(POLL),
             }
         };
-        // 1: a target that was missed is a result as well.
-        if matches!(status.code(), Some(0 | 1)) {
-            return Ok(());
+        match status.code() {
+            // 1: a target that was missed is a result as well.
+            Some(0 | 1) => return Ok(()),
+            // The terminal interrupts both of us.
+            Some(130) => return Err(Error::Interrupted),
+            _ => {}
         }
         let text = fs::read_to_string(&said).unwrap_or_default();
         let words: Vec<String> = args.iter().map(|a| a.to_string_lossy().into_owned()).collect();
-        Err(Error::Usage(format!("bake {command} ... {} failed: {}", words.join(" "), text.trim_end())))
+        let words = words.join(" ");
+        Err(Error::Usage(format!("bake {command} ... {words} ended with {status}: {}", text.trim_end())))
     }
 }
 
@@ -200,8 +211,8 @@ impl<'a> Studio<'a> {
 /// # Errors
 ///
 /// Where a page cannot be read.
-pub fn texels(dir: &Path, manifest: &Manifest) -> Result<(Vec<f64>, Vec<f64>)> {
-    let (mut value, mut error) = (Vec::new(), Vec::new());
+pub fn texels(dir: &Path, manifest: &Manifest) -> Result<Values> {
+    let mut values = Values::default();
     for page in &manifest.pages {
         let path = folder::resolve(dir, &page.file);
         let file = exr::read(&path)?;
@@ -210,11 +221,11 @@ pub fn texels(dir: &Path, manifest: &Manifest) -> Result<(Vec<f64>, Vec<f64>)> {
         let std_err = file.rgb("stderr").ok_or_else(missing)?;
         let coverage = file.channel("A").ok_or_else(missing)?;
         for i in (0..coverage.values.len()).filter(|&i| 0.0 < coverage.values[i]) {
-            value.push(luminance(light.map(|c| c.values[i])));
-            error.push(luminance(std_err.map(|c| c.values[i])));
+            values.luminance.push(luminance(light.map(|c| c.values[i])));
+            values.std_err.push(luminance(std_err.map(|c| c.values[i])));
         }
     }
-    Ok((value, error))
+    Ok(values)
 }
 
 /// Rec. 709 luminance.
@@ -233,7 +244,7 @@ impl Studio<'_> {
             let stated = manifest.denoised.map_or(manifest.error.relative, |d| d.relative);
             Ok((texels(dir, manifest)?, stated))
         };
-        let (((luminance, std_err), stated), cost) = self.bake(args, seed, read)?;
-        Ok(Shot { luminance, std_err, cost, stated })
+        let ((values, stated), cost) = self.bake(args, seed, read)?;
+        Ok(Shot { values, cost, stated })
     }
 }

@@ -241,8 +241,8 @@ pub struct Bias {
     pub mean_std_err: f64,
     /// Root mean squared difference without the noise of both.
     pub rms: f64,
-    /// About its standard error.
-    pub rms_std_err: f64,
+    /// The same with two standard errors of its square on top.
+    pub rms_at_most: f64,
     /// Root mean square of the noise of both.
     pub noise: f64,
 }
