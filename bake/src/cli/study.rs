@@ -39,14 +39,16 @@ pub(crate) fn run(args: &StudyArgs, interrupt: &Interrupt) -> Result<ExitCode, E
     pool.install(|| {
         let at_density = |density: Option<f32>| plan_at(args, density, interrupt);
         let plan = at_density(None)?;
-        let covered: usize = (0..plan.atlas().pages.len())
-            .map(|page| TexelMap::build(plan.scene(), plan.atlas(), page).texels.len())
-            .sum();
-        let wanted = f64::from(args.texels) / covered.max(1) as f64;
-        let density = f64::from(plan.atlas().texels_per_metre) * wanted.sqrt();
-        // As a bake reads it from its command line.
+        let covered = |plan: &Plan| -> usize {
+            let pages = 0..plan.atlas().pages.len();
+            pages.map(|page| TexelMap::build(plan.scene(), plan.atlas(), page).texels.len()).sum()
+        };
+        let own = covered(&plan).max(1) as f64;
         #[expect(clippy::cast_possible_truncation, reason = "a density")]
-        let plan = at_density(Some(density as f32))?;
+        let density =
+            (f64::from(plan.atlas().texels_per_metre) * (f64::from(args.texels) / own).sqrt()) as f32;
+        let plan = at_density(Some(density))?;
+        let times = own / covered(&plan).max(1) as f64;
         let options = Options {
             reference_samples: args.reference_samples,
             seeds: args.seeds,
@@ -62,7 +64,8 @@ pub(crate) fn run(args: &StudyArgs, interrupt: &Interrupt) -> Result<ExitCode, E
             style.stage("study", &format!("{:.0} %{left}: {what}", 100.0 * part.min(1.0)));
         };
         let at_density = |density| at_density(Some(density));
-        let subject = Subject { name, plan: &plan, at_density: &at_density, studio: &studio, say: &say };
+        let subject =
+            Subject { name, plan: &plan, at_density: &at_density, times, studio: &studio, say: &say };
         let found = study::run(&subject, &options)?;
         let made = Made {
             cpu: stopwatch::cpu_model(),

@@ -4,7 +4,7 @@
 //! front looks into a cavity and the back is what anybody sees. A texel holds the light of one side,
 //! so a chart is turned as a whole where its back is lit and its front is dark, or where the back is ten
 //! times as bright and the front sees nothing but its own narrow cavity. Rooms built of single sheets are no
-//! cavities: they are wide.
+//! cavities: they are wide. Media are left out of the question, so that sheets show the same side whatever becomes of these.
 
 use crate::geom::atlas::Atlas;
 use crate::geom::texel::{TexelMap, TexelSample, TexelSampler};
@@ -54,7 +54,7 @@ pub fn turned_charts(
     effort: Effort,
     monitor: &Monitor,
 ) -> BTreeSet<u32> {
-    let kernel = &kernel.plain();
+    let kernel = &kernel.plain().in_clear_air();
     let mut charts: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
     for i in 0..map.texels.len() {
         let triangle = map.triangles_of(i)[0];

@@ -415,7 +415,8 @@ fn look_around(at: &mut Place<'_>, crack: f32, tally: &mut Tally) -> Visible {
 /// Whether none of [`DARK`] paths finds light. They are the same whatever the seed and the number of samples, so that
 /// these do not decide which side of a surface counts; where there is light, the first of them mostly finds it.
 fn is_dark(at: &Place<'_>, tally: &mut Tally) -> bool {
-    let kernel = at.kernel.plain();
+    // Nor does what becomes of media.
+    let kernel = at.kernel.plain().in_clear_air();
     let key = sequence::key(0, DARKNESS + at.id.page as u64, u64::from(at.id.texel));
     (0..DARK).all(|i| {
         let mut sequence = Sequence::new(key, i);

@@ -60,6 +60,8 @@ pub struct Report {
     pub texels: usize,
     /// Texels per metre.
     pub texels_per_metre: f32,
+    /// How many times as many texels the seconds are for.
+    pub times: f64,
     /// How thorough it was.
     pub options: Options,
     /// What the references themselves are off by, as a part of the mean.
@@ -82,6 +84,8 @@ pub struct Subject<'a> {
     pub plan: &'a Plan,
     /// A plan at another density, texels per metre, as a bake with it makes for itself.
     pub at_density: &'a dyn Fn(f32) -> Result<Plan>,
+    /// How many times the study's texels the scene has at its own density: seconds are those of a bake there.
+    pub times: f64,
     /// Makes the bakes.
     pub studio: &'a Studio<'a>,
     /// Hears what is done next, and which part of the study is done.
@@ -163,6 +167,7 @@ pub fn run(subject: &Subject<'_>, options: &Options) -> Result<Report> {
         scene: subject.name.clone(),
         texels: truth.len(),
         texels_per_metre: subject.plan.atlas().texels_per_metre,
+        times: subject.times,
         options: options.clone(),
         reference_noise: truth.noise(),
         presets,
@@ -312,7 +317,8 @@ impl Study<'_> {
                     )));
                 }
                 let values: Vec<&[f64]> = shots.iter().map(|s| s.values.luminance.as_slice()).collect();
-                let costs: Vec<Cost> = shots.iter().map(|s| s.cost).collect();
+                let times = self.subject.times;
+                let costs: Vec<Cost> = shots.iter().map(|s| s.cost.with_texels(times)).collect();
                 let stated: Option<f64> = shots.iter().map(|s| s.stated).sum();
                 let new = (truth.errors(&values), Cost::mean(&costs), stated.map(|s| s / shots.len() as f64));
                 self.made.insert(key, new);

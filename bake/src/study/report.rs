@@ -177,12 +177,13 @@ fn html(report: &Report, made: &Made, plots: &BTreeMap<String, String>) -> Strin
          <p>{} texels, {:.3} a metre. Unless a knob says otherwise errors are root mean squares of luminance against two references of {} unbiased paths a texel, \
          whose own noise ({} of the mean) does not count, as parts of the mean; of texels the worst hundredth is left out, as the references' \
          stated errors say. Noise is what {} seeds differ by, bias is the rest; hollow points in the plots are bias. Seconds are those of processors for all \
-         that a knob can change: pilot, light grid, cache, sampling, denoising. Measured on {} with {} threads, {}, version {}.</p>\n",
+         that a knob can change: pilot, light grid, cache, sampling, denoising; the last two count {:.2} times, for as many texels as the scene has at its own density. Measured on {} with {} threads, {}, version {}.</p>\n",
         report.texels,
         report.texels_per_metre,
         report.options.reference_samples,
         percent(report.reference_noise),
         report.options.seeds,
+        report.times,
         escaped(&made.cpu),
         made.threads,
         made.date,

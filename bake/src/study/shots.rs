@@ -14,8 +14,8 @@ use tempfile::TempDir;
 const WORK: [&str; 9] =
     ["pilot", "light grid", "cache", "probes", "facing", "sample", "directions", "denoise", "stitch"];
 
-/// The stage of which more samples ask for more.
-const SAMPLE: &str = "sample";
+/// Stages that take longer the more texels there are.
+const OF_TEXELS: [&str; 5] = ["facing", "sample", "directions", "denoise", "stitch"];
 
 /// How often a running bake is looked at.
 const POLL: Duration = Duration::from_millis(10);
@@ -23,9 +23,9 @@ const POLL: Duration = Duration::from_millis(10);
 /// What a bake took, processor seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cost {
-    /// Of what samples do not change: pilot, light grid, cache, probes, denoising.
+    /// Of what texels do not change: pilot, light grid, cache, probes.
     pub fixed: f64,
-    /// Of samples.
+    /// Of texels: sampling, denoising, seams.
     pub sampling: f64,
     /// Of light probes alone; part of `fixed`.
     pub probes: f64,
@@ -44,7 +44,7 @@ impl Cost {
         let mut cost = Self { wall: timings.wall_seconds, ..Self::default() };
         for stage in timings.stages.iter().filter(|s| WORK.contains(&s.name.as_str())) {
             match stage.name.as_str() {
-                SAMPLE => cost.sampling += stage.cpu_seconds,
+                name if OF_TEXELS.contains(&name) => cost.sampling += stage.cpu_seconds,
                 name => {
                     cost.fixed += stage.cpu_seconds;
                     cost.probes += if name == "probes" { stage.cpu_seconds } else { 0.0 };
@@ -52,6 +52,12 @@ impl Cost {
             }
         }
         cost
+    }
+
+    /// With so many times the texels.
+    #[must_use]
+    pub fn with_texels(self, times: f64) -> Self {
+        Self { sampling: self.sampling * times, ..self }
     }
 
     /// The mean of several.

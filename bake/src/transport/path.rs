@@ -239,6 +239,12 @@ impl Kernel<'_> {
         Self { beams: None, landed: &[], sky_guide: None, cache: None, ..*self }
     }
 
+    /// The kernel without media: for questions whose answer must not depend on what becomes of these.
+    #[must_use]
+    pub fn in_clear_air(&self) -> Self {
+        Self { media: None, responses: None, grid: None, scatters: false, ..*self }
+    }
+
     /// One path that starts at `start` in the direction that `u` chooses. The rest of its numbers come
     /// from `sequence`.
     #[must_use]
