@@ -253,9 +253,9 @@ fn sheets_show_the_same_side_in_every_rung() {
     };
     let (a, b) = (bake("bounded"), bake("reference"));
     let (a, b) = (&a.pages[0], &b.pages[0]);
-    let mean =
-        a.channels["G"].iter().sum::<f32>() / a.channels["A"].iter().filter(|c| 0.0 < **c).count() as f32;
-    let other: Vec<usize> = (0..a.channels["A"].len())
+    let covered = || (0..a.channels["A"].len()).filter(|&i| 0.0 < a.channels["A"][i]);
+    let mean = covered().map(|i| a.channels["G"][i]).sum::<f32>() / covered().count() as f32;
+    let other: Vec<usize> = covered()
         .filter(|&i| {
             let (x, y) = (a.channels["G"][i], b.channels["G"][i]);
             let error = a.channels["stderr.G"][i].hypot(b.channels["stderr.G"][i]);
