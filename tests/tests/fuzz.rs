@@ -10,7 +10,7 @@ use bake::geom::texel::TexelMap;
 use bake::output::scene_glb::{self, PageFile};
 use bake::output::{assemble, denoise};
 use bake::plan::settings::{Denoise, Sampling};
-use bake::plan::{self, Force, MediaMode, Plan, Quality, Settings};
+use bake::plan::{self, Force, MediaMode, Plan, Quality, Settings, Tuning};
 use bake::sample::sequence::mix64;
 use bake::scene::config::Config;
 use bake::scene::document::Document;
@@ -313,6 +313,7 @@ fn attempt(name: &str, bytes: &[u8], folder: Option<&Path>, config: Option<&str>
     }
     let settings = Settings {
         force: Force::default(),
+        tuning: Tuning::default(),
         quality: Quality::Draft,
         samples: 2,
         sampling: Sampling::Exact(2),

@@ -69,6 +69,14 @@ fn range(values: impl Iterator<Item = f64>, room: f64) -> Range<f64> {
     if low <= high { low / room..high * room } else { 0.1..1.0 }
 }
 
+/// 1, 2 and 5 times powers of ten within a range.
+fn ticks(range: &Range<f64>) -> Vec<f64> {
+    #[expect(clippy::cast_possible_truncation, reason = "decades are few")]
+    let decades = range.start.log10().floor() as i32..=range.end.log10().ceil() as i32;
+    let all = decades.flat_map(|d| [1.0, 2.0, 5.0].map(|m| m * 10f64.powi(d)));
+    all.filter(|t| range.contains(t)).collect()
+}
+
 fn panel<B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     title: &str,
@@ -79,14 +87,15 @@ fn panel<B: DrawingBackend>(
     let shows_bias = |r: &Row| bias && r.errors.is_biased() && 0.2 * r.errors.error < r.errors.bias;
     let errors =
         rows().flat_map(|r| [r.errors.error, if shows_bias(r) { r.errors.bias } else { r.errors.error }]);
+    let (across, up) = (range(rows().map(|r| r.cost.seconds()), 1.3), range(errors, 1.4));
     let mut chart = ChartBuilder::on(area)
         .caption(title, ("sans-serif", 17))
         .margin(10)
         .x_label_area_size(40)
         .y_label_area_size(62)
         .build_cartesian_2d(
-            range(rows().map(|r| r.cost.seconds()), 1.3).log_scale(),
-            range(errors, 1.4).log_scale(),
+            across.clone().log_scale().with_key_points(ticks(&across)),
+            up.clone().log_scale().with_key_points(ticks(&up)),
         )
         .map_err(failed)?;
     chart
