@@ -144,7 +144,8 @@ impl Bias {
         let all = self.pairs.iter().map(|p| p.weight).sum::<f64>();
         let mean = self.pairs.iter().map(|p| p.weight * p.truth).sum::<f64>() / all;
         let n = self.pairs.len();
-        if n < 2 || mean <= 0.0 {
+        let known = 2 <= n && 0.0 < mean;
+        if !known {
             return None;
         }
         // Weighted mean and its standard error.
