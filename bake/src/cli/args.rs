@@ -146,10 +146,11 @@ pub(crate) struct SettingsArgs {
 /// How fine the light grid of `--media bounded` is.
 #[derive(Clone, Copy, Debug, ClapArgs)]
 pub(crate) struct GridArgs {
-    /// Nodes of the light grid that `--media bounded` fills, about [default: 1024 draft, 8192 medium, 16384 high]
+    /// Nodes of the light grid that `--media bounded` fills, about [default: 1024 draft, 8192 medium, 16384 high and with a target
+    /// below 5 %]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..=1 << 24))]
     pub(crate) grid_nodes: Option<u32>,
-    /// Paths from each of them [default: 32 draft, 24 medium, 64 high; up to three times as many where g is not 0]
+    /// Paths from each of them [default: 32 draft, 24 medium, 64 high; more for targets below 3 %; up to three times as many where g is not 0]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
     pub(crate) grid_paths: Option<u32>,
     /// Most times that light is scattered on its way from node to node; without it as often as counts

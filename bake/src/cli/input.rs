@@ -196,9 +196,10 @@ pub(crate) fn tuning(args: &TuningArgs, media: MediaMode, document: &Document) -
     })
 }
 
-/// How fine the light grid is: by the command line, else by the preset.
-pub(crate) fn light_grid(args: GridArgs, quality: Quality) -> Fineness {
+/// How fine the light grid is: by the command line, else by the preset, or finer where a target asks for it.
+pub(crate) fn light_grid(args: GridArgs, quality: Quality, target: Option<f32>) -> Fineness {
     let preset = quality.light_grid();
+    let preset = target.map_or(preset, |error| preset.for_target(error));
     Fineness {
         nodes: args.grid_nodes.unwrap_or(preset.nodes),
         paths: args.grid_paths.unwrap_or(preset.paths),
@@ -341,6 +342,7 @@ pub(crate) fn settings(
         return Err(Error::Usage(format!("--texels-per-metre {d}: write a positive number")));
     }
     let sampling = sampling(args, run, quality)?;
+    let target = if let Sampling::Target(x) = sampling { Some(x) } else { None };
     let samples = match sampling {
         Sampling::Exact(n) => n,
         _ => quality.samples(),
@@ -369,7 +371,7 @@ pub(crate) fn settings(
         },
         engine: engine(args),
         media,
-        light_grid: light_grid(args.grid, quality),
+        light_grid: light_grid(args.grid, quality, target),
         direct: direct(args.direct, run)?,
         tuning: tuning(&args.tuning, media, document)?,
         directional,

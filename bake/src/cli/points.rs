@@ -63,7 +63,7 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
     let learnt = pool.install(|| Learnt::new(&kernel, &receivers, seed));
     let kernel = learnt.guide(kernel);
     let style = Style::new(args.work.progress);
-    let air = (media == MediaMode::Bounded).then(|| input::light_grid(args.grid, quality));
+    let air = (media == MediaMode::Bounded).then(|| input::light_grid(args.grid, quality, None));
     let air = air.and_then(|f| pool.install(|| Gathering::new(&kernel, f, seed)));
     let grid = match air {
         None => None,

@@ -91,7 +91,29 @@ pub struct Fineness {
 /// Media that scatter backwards ask for no more than this times as many paths as where g is 0, which is what the most forward ones ask for.
 const MOST_TURNS: f32 = 3.0;
 
+/// Targets below this ask for as many nodes as the finest preset has.
+const FINE_TARGET: f32 = 0.05;
+
+/// Paths from each node times the squared target. Stated errors do not know of the grid's own noise, which has to stay a quarter of the target: in a room of 4 m in
+/// mist it is 1.1 % with 8192 nodes and 24 paths, and 0.5 % with 16384 nodes and 64 paths.
+const PATHS_FOR_TARGET: f32 = 0.03;
+
+/// Most paths from each node that a target asks for.
+const MOST_FOR_TARGET: f32 = 1024.0;
+
 impl Fineness {
+    /// Fine enough for an error that is asked for, as a part of the mean, and no coarser than it is.
+    #[must_use]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of paths")]
+    pub fn for_target(self, error: f32) -> Self {
+        if FINE_TARGET <= error {
+            return self;
+        }
+        let paths = (PATHS_FOR_TARGET / (error * error)).min(MOST_FOR_TARGET) as u32;
+        let nodes = self.nodes.max(Quality::High.light_grid().nodes);
+        Self { nodes, paths: self.paths.max(paths), ..self }
+    }
+
     /// For media that scatter forwards or backwards: they ask for directions, of which each is known from fewer paths. What goes on almost straight does not count,
     /// [`Media::smoothed`], so that there are at most three times as many as where g is 0.
     #[must_use]
