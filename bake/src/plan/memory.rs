@@ -52,7 +52,7 @@ pub struct Memory {
 
 /// Program and libraries, their relocations and the stacks of a few threads, measured on a scene of
 /// six rectangles.
-const PROGRAM: u64 = 13 << 20;
+const PROGRAM: u64 = 16 << 20;
 
 /// Half-edges, charts and buffers of the unwrapper for each vertex of a layout. Measured: 190 to 250
 /// on four scenes of 60,000 to 420,000 triangles. They are freed in pieces too small to go back to
