@@ -52,8 +52,8 @@ fn measure(name: &str, embree: &Embree, tracing: &Tracing, n: u32) -> anyhow::Re
     let start = Instant::now();
     let bvh = bake::geom::Bvh::build(&tracing.world, |_| Some(bake::geom::bvh::Opacity::Opaque))?;
     let seconds = start.elapsed().as_secs_f64();
-    let (world, lights) = (tracing.world.clone(), tracing.lights.clone());
-    let tracing = &Tracing { world, bvh, lights, media: None, responses: None };
+    let (world, lights, kernels) = (tracing.world.clone(), tracing.lights.clone(), tracing.kernels.clone());
+    let tracing = &Tracing { world, bvh, lights, media: None, responses: None, kernels };
     let fast = embree.scene(triangles, false)?;
     let robust = embree.scene(triangles, true)?;
     let rays = Rays::new(tracing, n);
