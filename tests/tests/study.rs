@@ -81,6 +81,7 @@ fn studies_refuse_what_they_cannot_do() {
     let dir = tool::folder_with(&room(Room::default()));
     let done = tool::bake(&["study", "scene.glb", "--knobs", "colour"], dir.path()).expect(2);
     assert!(done.stderr.contains("--knobs colour: there are samples,"), "{done}");
+    assert!(!dir.path().join("scene.study").exists(), "nothing came of it");
     fs::create_dir(dir.path().join("mine")).unwrap();
     fs::write(dir.path().join("mine/thesis.txt"), "x").unwrap();
     let done = tool::bake(&["study", "scene.glb", "-o", "mine"], dir.path()).expect(2);

@@ -36,7 +36,7 @@ pub(crate) fn run(args: &StudyArgs, interrupt: &Interrupt) -> Result<ExitCode, E
         .num_threads(args.work.threads.unwrap_or(0) as usize)
         .build()
         .map_err(|e| Error::Usage(format!("cannot start the threads: {e}")))?;
-    pool.install(|| {
+    let done = pool.install(|| {
         let at_density = |density: Option<f32>| plan_at(args, density, interrupt);
         let plan = at_density(None)?;
         let covered = |plan: &Plan| -> usize {
@@ -89,7 +89,11 @@ pub(crate) fn run(args: &StudyArgs, interrupt: &Interrupt) -> Result<ExitCode, E
             ),
         );
         Ok(ExitCode::from(u8::from(!found.standings.iter().all(study::figures::Standing::holds))))
-    })
+    });
+    if done.is_err() {
+        report::abandon(&folder);
+    }
+    done
 }
 
 /// What a configuration says about runs would turn the knobs of every bake, references included.

@@ -163,6 +163,16 @@ pub fn prepare(folder: &Path) -> Result<()> {
     if csv.is_file() { Ok(()) } else { fs::write(&csv, HEADER).map_err(Error::io(&csv, "cannot write")) }
 }
 
+/// Takes back what [`prepare`] made where no study came of it; a folder with an older study stays as it is.
+pub fn abandon(folder: &Path) {
+    let csv = folder.join(CSV);
+    if fs::read(&csv).is_ok_and(|text| text == HEADER.as_bytes()) {
+        // Nothing is lost if either fails: there is nothing in them.
+        let _ = fs::remove_file(&csv);
+        let _ = fs::remove_dir(folder);
+    }
+}
+
 const STYLE: &str = "body{font:16px/1.5 sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;color:#222}\
     table{border-collapse:collapse;font-size:14px;margin:1rem 0}td,th{padding:.2rem .7rem;text-align:right;border-bottom:1px solid #ddd}\
     td:first-child,th:first-child{text-align:left}svg{max-width:100%;height:auto}.bad{color:#b00}tr.usual td{font-weight:bold}";
@@ -267,6 +277,8 @@ mod tests {
         let dir = tempfile::tempdir().expect("a temporary folder");
         assert!(prepare(&dir.path().join("none")).is_ok());
         assert!(prepare(&dir.path().join("none")).is_ok(), "its own");
+        abandon(&dir.path().join("none"));
+        assert!(!dir.path().join("none").exists());
         fs::write(dir.path().join("file"), "x").expect("written");
         assert!(prepare(&dir.path().join("file")).is_err(), "no folder");
         fs::write(dir.path().join("thesis.txt"), "x").expect("written");
