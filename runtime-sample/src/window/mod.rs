@@ -220,12 +220,13 @@ impl Running {
                 self.hidden = hidden;
                 self.window.request_redraw();
             }
-            WindowEvent::KeyboardInput { event, .. } => {
+            WindowEvent::KeyboardInput { event, is_synthetic, .. } => {
                 if let PhysicalKey::Code(key) = event.physical_key {
                     // What is let go is let go, whoever listens.
                     let down = event.state == ElementState::Pressed && !taken;
                     self.held.set(key, down);
-                    let again = event.repeat;
+                    // Keys that were down before the window was asked: on X11 some of these are told once more.
+                    let again = event.repeat || is_synthetic;
                     if let Some(action) =
                         action(key).filter(|a| down && (!again || matches!(a, Action::Wipe(_))))
                     {
