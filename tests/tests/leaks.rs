@@ -38,6 +38,18 @@ fn nothing_passes_a_wall() {
     }
 }
 
+/// Cells of the irradiance cache are ten times as wide as the gap, and both sides of its edge see each other.
+#[test]
+fn light_in_a_gap_stays_there() {
+    let light = |cache: &str| {
+        let args = ["--samples", "128", "--texels-per-metre", "10", "--irradiance-cache", cache];
+        tool::baked(&closed::gap_below_the_ceiling(), &args).node_means()["room"][0].max_element()
+    };
+    let [without, with] = ["off", "on"].map(light);
+    println!("room with a gap: {:+.2} % by the cache", 100.0 * (with / without - 1.0));
+    assert!((with / without - 1.0).abs() < 0.02, "{with} nits with the cache, {without} without");
+}
+
 /// A hollow panel is seen from outside, whichever way it is wound.
 #[test]
 fn a_panel_wound_inwards_shows_its_outside() {

@@ -143,10 +143,10 @@ pub(crate) const SHARED_BEAMS: u64 = (1 << 14) * 80;
 const PER_CACHE_CELL: u64 = 96;
 
 /// A record of the irradiance cache.
-pub(crate) const PER_CACHE_RECORD: u64 = 24;
+pub(crate) const PER_CACHE_RECORD: u64 = 28;
 
 /// A point that was found for the irradiance cache.
-pub(crate) const PER_CACHE_POINT: u64 = 24;
+pub(crate) const PER_CACHE_POINT: u64 = 32;
 
 /// Luminance of a covered texel while exposure is found.
 const PER_COVERED_IMAGE: u64 = 8;

@@ -40,6 +40,8 @@ struct Point {
     group: u8,
     /// Whether surfaces part the cell.
     parted: bool,
+    /// How far from here its value holds, metres.
+    reach: f32,
 }
 
 /// Places of a cache that is not filled yet.
@@ -96,10 +98,11 @@ impl Cells {
     /// [`Error::Interrupted`] when the monitor asks to stop.
     pub fn fill(&self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<IrradianceCache, Error> {
         let cells = self.list();
-        let records = self
-            .points
-            .iter()
-            .map(|p| Record { position: vertex(kernel, p).position.into(), value: Vec3::ZERO });
+        let records = self.points.iter().map(|p| Record {
+            position: vertex(kernel, p).position.into(),
+            reach: p.reach,
+            value: Vec3::ZERO,
+        });
         #[expect(clippy::cast_possible_truncation, reason = "a few points")]
         let sizes = cells.iter().map(|c| (c[0].cell, c.len() as u32, c[0].parted));
         let mut cache = IrradianceCache::new(self.side, sizes, records.collect());
@@ -148,16 +151,46 @@ fn points(kernel: &Kernel<'_>, receivers: &[Vertex], cell: f32, rays: u64, seed:
     });
     points.shrink_to_fit();
     let cells: Vec<&mut [Point]> = points.chunk_by_mut(|a, b| a.cell == b.cell).collect();
-    cells.into_par_iter().for_each(|points| group(kernel, points, cell));
+    cells.into_par_iter().for_each(|points| group(kernel, points, cell, seed));
     points
 }
 
-/// Finds which points of a cell see one another.
-fn group(kernel: &Kernel<'_>, points: &mut [Point], cell: f32) {
+/// Rays that look how near other surfaces are.
+const LOOKS: u32 = 16;
+
+/// How far from a point its irradiance is taken to hold, as a part of the harmonic mean of the distances of what it sees: its gradient
+/// grows with the inverse of these (\[WRC88\] eq. 4, whose limit of the error this is).
+const REACH: f32 = 0.5;
+
+/// How far the value of a point holds, metres.
+fn reach(kernel: &Kernel<'_>, p: &Point, seed: u64) -> f32 {
+    let from = vertex(kernel, p);
+    let frame = Frame::new(from.geometric_normal);
+    let near: f32 = (0..LOOKS)
+        .map(|k| {
+            let [a, b, _, _] = Sequence::new(seed, k).next4();
+            let wi = frame.to_world(square_to_cos_hemisphere([a, b]));
+            kernel
+                .closest(&from.ray(wi, f32::INFINITY))
+                .map_or(0.0, |hit| hit.t.max(f32::MIN_POSITIVE).recip())
+        })
+        .sum();
+    REACH * LOOKS as f32 / near
+}
+
+/// Finds which points of a cell see one another, and how far their values hold.
+fn group(kernel: &Kernel<'_>, points: &mut [Point], cell: f32, seed: u64) {
+    for (k, p) in points.iter_mut().enumerate() {
+        p.reach = reach(kernel, p, sequence::key(seed, DOMAIN ^ 0xfffe, p.cell ^ k as u64));
+    }
     let above: Vec<Vec3A> = points
         .iter()
         .map(|p| vertex(kernel, p))
-        .map(|v| v.position + v.geometric_normal * v.offset.max(ABOVE * cell))
+        .map(|v| {
+            let open = kernel.closest(&v.ray(v.geometric_normal, ABOVE * cell)).is_none();
+            let height = if open { v.offset.max(ABOVE * cell) } else { v.offset };
+            v.position + v.geometric_normal * height
+        })
         .collect();
     for k in 0..points.len() {
         #[expect(clippy::cast_possible_truncation, reason = "a few points")]
@@ -166,7 +199,8 @@ fn group(kernel: &Kernel<'_>, points: &mut [Point], cell: f32) {
         for j in 0..k {
             let (joined, d) = (points[j].group, above[j] - above[k]);
             let ray = Ray { origin: above[k], direction: d.normalize_or_zero(), t_max: d.length() };
-            if points[k].group == joined || kernel.blocked(&ray) {
+            let far = points[k].reach.min(points[j].reach) < ray.t_max;
+            if points[k].group == joined || far || kernel.blocked(&ray) {
                 continue;
             }
             let (keep, drop) = (joined.min(points[k].group), joined.max(points[k].group));
@@ -203,6 +237,7 @@ fn land(kernel: &Kernel<'_>, from: &Vertex, sequence: &mut Sequence, cell: f32) 
         front,
         group: 0,
         parted: false,
+        reach: 0.0,
     })
 }
 

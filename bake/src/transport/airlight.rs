@@ -100,7 +100,7 @@ const LANDINGS: [u32; 3] = [1, 4, 5];
 /// Numbers that choose where a ray asks the cells what they know.
 const KNOWN: u32 = 7;
 
-impl Kernel<'_> {
+impl<const AIR: bool> Kernel<'_, AIR> {
     /// Lamps and emissive surfaces, and behind them suns: the numbers by which the grid's cells know them.
     pub(crate) fn air_lights(&self) -> usize {
         let l = self.lights;

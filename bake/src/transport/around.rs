@@ -35,18 +35,15 @@ pub struct Met {
     pub double_sided: bool,
 }
 
-impl Kernel<'_> {
+impl<const AIR: bool> Kernel<'_, AIR> {
     /// What [`Kernel::sample_around`] gives to `visit`.
     #[must_use]
     pub fn finds_around(&self) -> Finds {
         if self.responses().is_some() { Finds::Irradiance } else { Finds::Radiance }
     }
 
-    /// One sample of the light at `p`, in metres relative to [`crate::geom::World::origin`]: `visit` hears of directions and of what arrives from there, for
-    /// [`Finds::Radiance`] in nits times steradian. `u` chooses the direction of a path. Light straight from suns and lamps
-    /// is part of a share of the samples, those with `straight`, which stands for as many. Lights whose direct part the game adds bring only the rest.
-    /// With `before`, a unit normal, only what comes from that side is asked for.
-    pub fn sample_around(
+    /// See [`Kernel::sample_around`].
+    pub(crate) fn sample(
         &self,
         (p, before): (Vec3A, Option<Vec3A>),
         u: [f32; 2],
@@ -78,7 +75,7 @@ impl Kernel<'_> {
                 detached: true,
             };
             let [a, b, _, _] = sequence.next4();
-            let e = self.estimate(&at, [a, b], sequence);
+            let e = self.whole(&at, [a, b], sequence);
             *rays += e.rays;
             visit(wi, (e.direct + e.indirect) / pdf);
             return;

@@ -36,6 +36,8 @@ const BITS: u32 = 19;
 pub struct Record {
     /// Metres, relative to the world's origin.
     pub position: Vec3,
+    /// How far from there the value holds, metres.
+    pub reach: f32,
     /// `E / pi` of everything but suns and lamps straight away, nits.
     pub value: Rgb,
 }
@@ -128,19 +130,24 @@ impl IrradianceCache {
     }
 }
 
-impl Kernel<'_> {
+impl<const AIR: bool> Kernel<'_, AIR> {
     /// `E / pi` at a point of everything but suns and lamps straight away, nits, if the cache knows it.
     pub(crate) fn cached(&self, at: &Vertex, rays: &mut u32) -> Option<Rgb> {
         let cache = self.cache?;
         let (record, parted) = cache.nearest(at)?;
         let way = Vec3A::from(record.position) - at.position;
+        if record.reach * record.reach < way.length_squared() {
+            return None;
+        }
         if ASIDE * cache.cell < way.dot(at.geometric_normal).abs() {
             return None;
         }
         if parted {
-            *rays += 1;
+            *rays += 2;
             let up = at.geometric_normal * at.offset.max(cache.above());
-            if !self.sees(at.position + up, at.position + way + up) {
+            // In a gap lower than that the way would lead along its other side.
+            let open = self.closest(&at.ray(at.geometric_normal, cache.above())).is_none();
+            if !open || !self.sees(at.position + up, at.position + way + up) {
                 return None;
             }
         }
@@ -182,7 +189,8 @@ mod tests {
             detached: false,
         };
         let key = IrradianceCache::key(1.0, vec3a(0.5, 0.0, 0.0), Vec3A::Y);
-        let record = |x, v| Record { position: Vec3::new(x, 0.0, 0.0), value: Vec3::splat(v) };
+        let record =
+            |x, v| Record { position: Vec3::new(x, 0.0, 0.0), reach: f32::INFINITY, value: Vec3::splat(v) };
         let mut cache = IrradianceCache::new(
             1.0,
             [(key, 2, false)].into_iter(),

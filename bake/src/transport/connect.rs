@@ -40,7 +40,7 @@ fn weakened_between(media: &Media, to: &Vertex, from: &Vertex, left: Rgb) -> Rgb
     left * media.transmittance(to.position, d / distance, (distance - 2.0 * from.offset).max(0.0))
 }
 
-impl Kernel<'_> {
+impl<const AIR: bool> Kernel<'_, AIR> {
     /// Sends a beam and finds where it lands; `None` if it leaves the scene or is absorbed.
     pub(crate) fn beam(&self, sequence: &mut Sequence, rays: &mut u32) -> Option<LightVertex> {
         let beams = self.beams?;

@@ -99,7 +99,7 @@ fn up_to(vertex: &Vertex, light: &Incident) -> f32 {
     if light.distance.is_finite() { light.distance - slack } else { f32::INFINITY }
 }
 
-impl Kernel<'_> {
+impl<const AIR: bool> Kernel<'_, AIR> {
     /// Light straight from the lights at `vertex`, one sample. At the receiver the unscattered part of lights is left out
     /// that the game adds. `arrival` says how the vertex was found, where connecting to beams could have found it as well.
     pub(crate) fn direct(

@@ -32,7 +32,7 @@ pub(crate) enum Onward {
     Reflected { vertex: Vertex, reflectance: Rgb },
 }
 
-impl Kernel<'_> {
+impl<const AIR: bool> Kernel<'_, AIR> {
     pub(crate) fn encounter(&self, hit: &Hit, direction: Vec3A) -> Encounter {
         let at = self.world.point(hit.triangle, hit.bary);
         let Met { shade, double_sided, unlit } = self.world.met(self.scene, hit.triangle, hit.bary);

@@ -22,7 +22,7 @@ use std::f32::consts::{FRAC_1_PI, PI};
 /// Share of vertices that send a chord, and of those that look for the sky in any direction.
 const CHORDS: f32 = 0.125;
 
-impl Kernel<'_> {
+impl<const AIR: bool> Kernel<'_, AIR> {
     /// `E / pi` by a lamp or sun of 1 lux at the vertex, through media and scattered in them; unscattered with the cosine `cos`.
     pub(crate) fn lamp_through(&self, responses: &Responses, at: &Vertex, light: &Incident, cos: f32) -> Rgb {
         let Some(media) = self.media() else { return Vec3::ZERO };

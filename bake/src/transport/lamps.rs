@@ -74,7 +74,7 @@ impl Lamp<'_> {
     }
 }
 
-impl Kernel<'_> {
+impl<const AIR: bool> Kernel<'_, AIR> {
     /// Whether there are lights of the kind that [`Kernel::lamps_through_air`] gathers.
     pub(crate) fn has_lamps_in_air(&self) -> bool {
         let l = self.lights;

@@ -3,6 +3,7 @@
 pub(crate) mod air;
 pub(crate) mod airlight;
 pub mod around;
+mod ask;
 pub mod cache;
 pub mod connect;
 pub mod direct;

@@ -42,7 +42,7 @@ enum End {
     Through { weight: Rgb },
 }
 
-impl Kernel<'_> {
+impl<const AIR: bool> Kernel<'_, AIR> {
     /// One path through surfaces and media, `E / pi`; see [`Kernel::estimate`].
     pub(crate) fn walk_media(
         &self,

@@ -32,6 +32,23 @@ fn furnace_of(shape: &Shape, rho: f32, emission: f32) -> Vec<u8> {
     glb.finish()
 }
 
+/// A cube of 2 m of albedo 0.9, seen from inside, with a sheet of 1 m that shines up and down 4 cm below the ceiling: most of the light in the
+/// gap stays there.
+#[must_use]
+pub fn gap_below_the_ceiling() -> Vec<u8> {
+    let mut glb = Glb::new();
+    let white = glb.material(&Material::matte("white", [0.9; 3]));
+    let shining = glb.material(&Material::matte("lamp", [0.9; 3]).emitting([1.0; 3]));
+    let (mut room, mut lamp) = (Shape::default(), Shape::default());
+    room.cuboid([-1.0, 0.0, -1.0], [1.0, 2.0, 1.0], ALL);
+    lamp.cuboid([-0.5, 1.955, -0.5], [0.5, 1.96, 0.5], ALL);
+    for (name, shape, material) in [("room", room.inside_out(), white), ("lamp", lamp, shining)] {
+        let mesh = glb.mesh(name, &[(&shape, material)]);
+        glb.node(Node::new(name).mesh(mesh));
+    }
+    glb.finish()
+}
+
 /// What [`room`] varies without changing what should come out.
 #[derive(Clone, Copy, Debug)]
 pub struct Room {
