@@ -128,7 +128,7 @@ pub(crate) struct SettingsArgs {
     #[arg(long, value_enum)]
     pub(crate) texture: Option<TextureArg>,
     /// Take noise out of lightmaps; what they were before stays in them as `noisy`, and error figures stay those of before
-    /// [default: off]
+    /// [default: draft, with --quality high final; with --samples, --target-error, --time-budget or --rounds off]
     #[arg(long, value_enum)]
     pub(crate) denoise: Option<DenoiseArg>,
     /// Make both sides of seams look the same: within meshes and where objects touch [default: on]

@@ -384,24 +384,34 @@ pub(crate) fn settings(
             TextureArg::Rgba16f => Some(TextureFormat::Rgba16f),
             TextureArg::None => None,
         },
-        denoise: denoise(args.denoise, run, &force)?,
+        denoise: denoise(args, run, &force, quality)?,
         seams: force.word(Effect::Seams).map_or(seams == OnOff::On, |word| word == "on"),
         force,
     })
 }
 
-/// Whether lightmaps are denoised: by the command line, else the configuration file.
-fn denoise(arg: Option<DenoiseArg>, run: &RunConfig, force: &Force) -> Result<Denoise, Error> {
-    let arg = match (force.word(Effect::Denoise), arg, &run.denoise) {
+/// Whether lightmaps are denoised: by the command line, else the configuration file. Else they are as the preset has it, unless somebody asks
+/// for a number of paths, an error or a time: such a bake is of light as it was gathered.
+fn denoise(args: &SettingsArgs, run: &RunConfig, force: &Force, quality: Quality) -> Result<Denoise, Error> {
+    let arg = match (force.word(Effect::Denoise), args.denoise, &run.denoise) {
         (Some(text), ..) => word(text, "force")?,
+        (None, Some(given), _) => given,
         (None, None, Some(text)) => word(text, "run.denoise")?,
-        (None, given, _) => given.unwrap_or(DenoiseArg::Off),
+        (None, None, None) if effort_is_given(args, run) => DenoiseArg::Off,
+        (None, None, None) => return Ok(quality.denoise()),
     };
     Ok(match arg {
         DenoiseArg::Off => Denoise::Off,
         DenoiseArg::Draft => Denoise::Draft,
         DenoiseArg::Final => Denoise::Final,
     })
+}
+
+/// Whether anything but the preset says how much is gathered.
+fn effort_is_given(args: &SettingsArgs, run: &RunConfig) -> bool {
+    let given = args.samples.is_some() || args.rounds.is_some() || args.target_error.is_some();
+    let in_file = run.samples.is_some() || run.target_error.is_some() || run.time_budget.is_some();
+    given || args.time_budget.is_some() || in_file
 }
 
 /// How much is gathered: the command line stands above the configuration as a whole, so that one number

@@ -35,6 +35,15 @@ impl Quality {
         }
     }
 
+    /// How lightmaps are denoised where nothing else is said of their paths.
+    #[must_use]
+    pub const fn denoise(self) -> Denoise {
+        match self {
+            Self::Draft | Self::Medium => Denoise::Draft,
+            Self::High => Denoise::Final,
+        }
+    }
+
     /// How fine the light grid of media is.
     #[must_use]
     pub const fn light_grid(self) -> Fineness {

@@ -3,7 +3,7 @@
 use crate::light::Selection;
 use crate::light::many::{SEVERAL, THRESHOLD};
 use crate::media::Media;
-use crate::plan::settings::MediaMode;
+use crate::plan::settings::{Denoise, MediaMode};
 use crate::plan::{Plan, Quality};
 
 /// How the error of a knob's settings is measured.
@@ -109,6 +109,16 @@ pub fn rounds(paths: u32) -> String {
     format!("{},{},{paths}", 0.5 * n, 0.75 * n)
 }
 
+/// Whether bakes with these options, in pairs, are denoised.
+#[must_use]
+pub fn is_denoised(args: &[String]) -> bool {
+    let value = |of: &str| args.chunks(2).rfind(|p| p[0] == of).map(|p| p[1].as_str());
+    match value("--denoise") {
+        Some(word) => word != Denoise::Off.name(),
+        None => value("--samples").or(value("--rounds")).is_none(),
+    }
+}
+
 /// Numbers from `from` to `to`, each `factor` times the one before.
 fn series(from: u32, to: u32, factor: u32) -> Vec<u32> {
     std::iter::successors(Some(from), |n| n.checked_mul(factor)).take_while(|n| *n <= to).collect()
@@ -197,7 +207,7 @@ pub fn all(plan: &Plan) -> Vec<Knob> {
                 name("denoising"),
                 "--denoise",
                 "What is taken out of the noise afterwards",
-                choices("--denoise", &["off", "draft", "final"], "off"),
+                choices("--denoise", &["off", "draft", "final"], quality.denoise().name()),
             )
         });
     }

@@ -393,7 +393,7 @@ impl Study<'_> {
         if !args.iter().any(|a| a == "--texels-per-metre") {
             args.extend(self.density());
         }
-        let denoised = args.chunks(2).rfind(|p| p[0] == "--denoise").is_some_and(|p| p[1] != "off");
+        let denoised = knobs::is_denoised(&args);
         Row {
             knob: knob.to_owned(),
             base: base.0.clone(),
