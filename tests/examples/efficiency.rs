@@ -26,18 +26,6 @@ const SPONZA: [&[u32]; 2] = [&[16, 64], &[16, 64]];
 
 const MODES: [&str; 2] = ["bounded", "reference"];
 
-const HAZE: &str = r#"
-sky = 0.4
-[[lamps]]
-name = "sun"
-type = "directional"
-direction = [-0.35, -1, -0.25]
-illuminance = 10
-[[media]]
-sigma_s = 0.02
-box = { min = [-26.9, 2.2, -16.5], max = [24.3, 23.7, 15] }
-"#;
-
 /// A scene and how it is baked.
 struct Case {
     name: String,
@@ -62,7 +50,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let file = std::env::args().nth(1).ok_or("name a PNG")?;
     let folder = tempfile::tempdir()?;
     let haze = folder.path().join("haze.toml");
-    std::fs::write(&haze, HAZE)?;
+    std::fs::write(&haze, suite::scenes::SPONZA_IN_HAZE)?;
     let words = |list: &[&str]| list.iter().map(|w| (*w).to_owned()).collect::<Vec<_>>();
     let mut cases: Vec<Case> = rooms::NAMES
         .iter()

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use suite::baked::Baked;
 use suite::scenes::closed::{Room, room};
-use suite::scenes::{hall, open};
+use suite::scenes::{SPONZA_IN_HAZE, hall, open};
 use suite::tool;
 
 /// The error that is asked for, as a part of the mean.
@@ -17,23 +17,11 @@ const TARGET: f64 = 0.02;
 /// What may come of it, as parts of the target.
 const BOUNDS: [f64; 2] = [0.5, 1.1];
 
-/// Error that references are asked for; their own noise does not count.
-const REFERENCE: &str = "0.02";
+/// Error that references are asked for; their own noise does not count, and is a few per cent of what is measured over some thousand texels.
+const REFERENCE: &str = "0.04";
 
 /// Longest that a bake may take.
 const LIMIT: Duration = Duration::from_secs(3600);
-
-const HAZE: &str = r#"
-sky = 0.4
-[[lamps]]
-name = "sun"
-type = "directional"
-direction = [-0.35, -1, -0.25]
-illuminance = 10
-[[media]]
-sigma_s = 0.02
-box = { min = [-26.9, 2.2, -16.5], max = [24.3, 23.7, 15] }
-"#;
 
 const MIST: &str = r#"
 [[media]]
@@ -68,7 +56,8 @@ fn cases(folder: &Path, test: &str) -> Vec<Case> {
         fs::write(&path, text).unwrap();
         path.to_str().unwrap().to_owned()
     };
-    let (haze, mist, fog) = (config("haze.toml", HAZE), config("mist.toml", MIST), config("fog.toml", FOG));
+    let (haze, mist, fog) =
+        (config("haze.toml", SPONZA_IN_HAZE), config("mist.toml", MIST), config("fog.toml", FOG));
     let mut cases = Vec::new();
     for (name, bytes, args) in [
         ("room in mist", room(Room::default()), words(&["--texels-per-metre", "5", "--config", &mist])),
@@ -83,7 +72,7 @@ fn cases(folder: &Path, test: &str) -> Vec<Case> {
     for (name, file, args) in [
         ("Sponza in haze", "sponza-crytek-amd/Sponza.gltf", words(&["--max-size", "128", "--config", &haze])),
         ("staircase", "bitterli-staircase/staircase.glb", words(&["--max-size", "64"])),
-        ("Cornell box", "cornell-fazil/cornell-box.glb", words(&["--max-size", "64"])),
+        ("Cornell box", "cornell-fazil/cornell-box.glb", words(&["--max-size", "128"])),
     ] {
         cases.push(Case { name, scene: shared.join("scenes").join(file), args });
     }
@@ -170,12 +159,12 @@ fn errors_that_are_asked_for_are_those_that_are_measured() {
             missed.push(format!("{}: {:.2} %", case.name, 100.0 * measured));
         }
     }
+    assert!(missed.is_empty(), "{missed:?}");
     if n_cases == 6 && std::env::var_os("UPDATE_EXPECT").is_some() {
         let head = "| scene | texels | stated | measured | 95 % intervals hold in | time |\n|---|---|---|---|---|---|\n";
         let text = format!("`--target-error {target}` on {}:\n\n{head}{table}", tool::machine());
         fs::write(suite::root().join("data/targets.md"), text).unwrap();
     }
-    assert!(missed.is_empty(), "{missed:?}");
 }
 
 /// `--time-budget` against the clock, from the start of the command to its end.
