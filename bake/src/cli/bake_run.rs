@@ -390,6 +390,11 @@ impl Job<'_> {
                 task.solve(&settings.sampling, &baked.monitor)
             })?;
             let seconds = self.watch.lap("sample");
+            if solution.uncached {
+                let what = "the irradiance cache is off by more than the error that is asked for: gathered without it";
+                let fix = "--irradiance-cache off saves the first attempt, and replays this page's samples";
+                say::findings(&[Finding::warning(format!("page {number}"), what, fix)], false);
+            }
             baked.halving.add(seconds, &solution);
             self.bias(baked, &learnt, &map, number, &solution)?;
             let directions = self.directions(&kernel, &map, number, &mut solution, &baked.monitor)?;
@@ -398,19 +403,23 @@ impl Job<'_> {
             let (total, min, max) = solution.paths();
             let mean = total as f64 / solution.texels.len().max(1) as f64;
             let samples = Samples { total, min, mean, max };
-            let (rounds, audit) = (solution.rounds.clone(), solution.audit.clone());
+            let (rounds, audit, squares) =
+                (solution.rounds.clone(), solution.audit.clone(), solution.squares());
+            let uncached = solution.uncached;
             let clean = say::watch(self.style, "denoising", 0, &baked.monitor, self.interrupt, || {
                 denoise::denoise(self.plan, &map, &solution, &baked.monitor)
             })?;
             self.watch.lap("denoise");
             let (sheet, filled) = assemble::page(self.plan, map, solution, clean, directions);
-            let (stats, denoised) = (PageStats::of(&sheet.page), DenoiseStats::of(&sheet.page));
+            let (stats, denoised) =
+                (PageStats::of(&sheet.page).with_squares(squares), DenoiseStats::of(&sheet.page));
             baked.figures.push(record::PageFigures {
                 stats,
                 denoised,
                 filled,
                 samples,
                 rounds,
+                uncached,
                 audit,
                 texture: None,
                 directions: None,

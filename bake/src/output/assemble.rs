@@ -77,7 +77,7 @@ pub fn figure(plan: &Plan, map: &TexelMap, solution: &Solution) -> PageStats {
     let mut sheet = Sheet::new(map);
     sheet.put(plan, map, solution, None, 0);
     sheet.fill();
-    PageStats::of(&sheet.page)
+    PageStats::of(&sheet.page).with_squares(solution.squares())
 }
 
 /// A page in the making.

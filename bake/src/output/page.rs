@@ -166,6 +166,12 @@ impl PageStats {
         stats
     }
 
+    /// The same where the squares of errors have been found to be so much larger than stated.
+    #[must_use]
+    pub fn with_squares(self, factor: f64) -> Self {
+        Self { sum_squared_std_err: self.sum_squared_std_err * factor, ..self }
+    }
+
     /// The sums of both; merge pages in page order.
     #[must_use]
     pub fn merge(self, o: Self) -> Self {

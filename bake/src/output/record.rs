@@ -59,6 +59,8 @@ pub struct PageFigures {
     pub samples: Samples,
     /// Mean paths per texel after each round, where rounds were planned by them.
     pub rounds: Vec<f32>,
+    /// Whether it does without the irradiance cache that other pages may have.
+    pub uncached: bool,
     /// What the audit said.
     pub audit: Option<crate::solve::audit::Audit>,
     /// What its texture holds, if there is one.
@@ -155,6 +157,7 @@ fn page(plan: &Plan, number: usize, figures: &PageFigures) -> manifest::Page {
         mean_luminance: figures.stats.mean_luminance(),
         error: figures.stats.error(),
         denoised: figures.denoised.map(|d| d.figures()),
+        uncached: figures.uncached,
         audit: figures.audit.as_ref().map(|a| manifest::Audit {
             classes: a
                 .classes
@@ -163,6 +166,7 @@ fn page(plan: &Plan, number: usize, figures: &PageFigures) -> manifest::Page {
                 .collect(),
             bias: a.bias,
             bias_std_err: a.bias_std_err,
+            squares: a.squares,
         }),
     }
 }

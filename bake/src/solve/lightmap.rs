@@ -171,6 +171,8 @@ pub struct Solution {
     pub rounds: Vec<f32>,
     /// What samples cost.
     pub cost: Cost,
+    /// Whether it was gathered without the irradiance cache that there is, whose error was beyond what was asked for.
+    pub uncached: bool,
     /// What an audit said of the stated errors.
     pub audit: Option<Audit>,
     /// After each round what had been spent, and the error then as the samples say it, nits: see [`Solution::spent`].
@@ -248,6 +250,12 @@ impl Solution {
     #[must_use]
     pub fn factor(&self, texel: &Texel) -> f64 {
         self.audit.as_ref().map_or(1.0, |a| a.factor(texel))
+    }
+
+    /// By what the mean of squared errors has to be multiplied on top.
+    #[must_use]
+    pub fn squares(&self) -> f64 {
+        self.audit.as_ref().and_then(|a| a.squares).unwrap_or(1.0)
     }
 
     /// What all texels cost, in paths with their share of suns and lamps.

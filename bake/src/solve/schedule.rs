@@ -38,6 +38,12 @@ const LATE: f64 = 1.5;
 /// Rounds towards an error aim a little below it, because the error that is then measured scatters.
 const AIM: f64 = 0.99;
 
+/// Each of them lowers the error that is predicted to this part at most.
+const STEP: f64 = 0.95;
+
+/// Where noise is a smaller part of the error that was found, the rest is the irradiance cache's, which more paths do not lower.
+const NOISE: f64 = 0.5;
+
 /// Texels of each page from which the mean luminance of all is estimated.
 const LOOKED_AT: usize = 4096;
 
@@ -92,14 +98,27 @@ impl Task<'_> {
             }
             Sampling::Budget(_) => self.budget(monitor),
         }?;
-        self.audit(&mut solution, monitor)?;
+        self.audit(&mut solution, audit::ONE_IN, monitor)?;
         Ok(solution)
     }
 
     /// Finds out how far the stated errors can be trusted.
-    fn audit(&self, solution: &mut Solution, monitor: &Monitor) -> Result<(), Error> {
-        solution.audit =
-            audit::audit(self.unbiased, self.map, self.page, self.effort.seed, &solution.texels, monitor)?;
+    fn audit(&self, solution: &mut Solution, one_in: usize, monitor: &Monitor) -> Result<(), Error> {
+        let texels = (&solution.texels[..], one_in);
+        solution.audit = audit::audit(self.unbiased, self.map, self.page, self.effort.seed, texels, monitor)?;
+        Ok(())
+    }
+
+    /// The same for an end that the error decides: squares are measured as well, and what was found before counts for half, because the first
+    /// that is low by chance would end it.
+    fn audit_whole(&self, solution: &mut Solution, monitor: &Monitor) -> Result<(), Error> {
+        let before = solution.audit.as_ref().and_then(|a| a.squares);
+        self.audit(solution, audit::ONE_IN, monitor)?;
+        let which = (self.page, self.effort.seed, solution.curve.len() as u64);
+        let stated = (&solution.texels[..], solution.audit.as_ref());
+        let found = audit::squares(self.unbiased, self.map, which, stated, monitor)?;
+        let squares = found.map(|f| before.map_or(f, |b| 0.5 * (b + f)));
+        solution.audit.get_or_insert_default().squares = squares;
         Ok(())
     }
 
@@ -152,22 +171,29 @@ impl Task<'_> {
         let n = self.map.texels.len() as f64;
         expect(monitor, n * f64::from(LEARN));
         let mut solution = self.first(LEARN, LEARN_SMALL, monitor)?;
-        self.audit(&mut solution, monitor)?;
+        self.audit_whole(&mut solution, monitor)?;
         let mut audited = solution.spent();
         for _ in 0..ROUNDS {
             let (mut error, mean) = (self.figure)(self.map, &solution);
             let goal = relative * self.luminance.unwrap_or(mean);
             if LATE * audited < solution.spent() || (error <= goal && audited < solution.spent()) {
                 // More samples may be better stratified, or the cache's part in the error greater.
-                self.audit(&mut solution, monitor)?;
+                self.audit_whole(&mut solution, monitor)?;
                 audited = solution.spent();
                 (error, _) = (self.figure)(self.map, &solution);
             }
             if error <= goal {
                 break;
             }
+            if self.kernel.cache.is_some() && adaptive::own_error(&solution) < NOISE * error {
+                let plain = Task { kernel: self.unbiased, ..*self };
+                return Ok(Solution { uncached: true, ..plain.target(relative, monitor)? });
+            }
             let spent = solution.spent();
-            let aim = AIM * goal * adaptive::predicted(self.map, &solution.texels) / error;
+            // Errors of well stratified samples fall faster than the root of their number, up to as its inverse: half of the
+            // way, in proportions, does not overshoot even then.
+            let way = (AIM * goal / error).sqrt().min(STEP);
+            let aim = way * adaptive::predicted(self.map, &solution.texels);
             let wanted = adaptive::plan(self.map, &solution, Goal::Error(aim)).total;
             expect(monitor, spent + wanted);
             let growth = GROWTH * spent;
@@ -177,7 +203,7 @@ impl Task<'_> {
             }
         }
         if audited < solution.spent() {
-            self.audit(&mut solution, monitor)?;
+            self.audit_whole(&mut solution, monitor)?;
         }
         Ok(solution)
     }

@@ -186,6 +186,10 @@ pub struct Page {
     /// How the standard errors were checked; none where too few texels are lit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub audit: Option<Audit>,
+    /// Whether it was gathered without the irradiance cache although the settings have one, because that was off by more than the error that
+    /// was asked for.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub uncached: bool,
 }
 
 /// A GPU-ready texture in comparison with the EXR of its page.
@@ -227,6 +231,10 @@ pub struct Audit {
     pub bias: f64,
     /// Standard error of `bias`, nits.
     pub bias_std_err: f64,
+    /// Where an error was asked for: mean squared error of texels that were gathered again for it, as a part of what their standard
+    /// errors say; the page's `error` contains its root.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub squares: Option<f64>,
 }
 
 /// The map before denoising against some of its texels gathered by unbiased paths: media, cache and limits of reflections approximate nothing
@@ -901,8 +909,10 @@ mod tests {
             audit: Some(Audit {
                 classes: vec![AuditClass { up_to: 0.5, audited: 128, factor: 0.75 }],
                 bias: -0.5,
+                squares: None,
                 bias_std_err: 0.25,
             }),
+            uncached: false,
         });
         let rect = Rect { x: 4, y: 8, width: 12, height: 20 };
         m.surfaces.push(Surface {
