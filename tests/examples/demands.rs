@@ -1,5 +1,5 @@
 //! Measures what README says of accuracy over time, hard cases and effects, and writes it there:
-//! `cargo run --release -p suite --example demands`, about an hour on two cores. With the words `study`, `target`, `stability` and `effects` it
+//! `cargo run --release -p suite --example demands`, about an hour and a half on two cores. With the words `study`, `target`, `stability` and `effects` it
 //! does these alone; with `readme` it only puts together what lies in `data`.
 
 #![expect(clippy::print_stdout, reason = "progress is reported")]
@@ -27,7 +27,7 @@ const STUDIES: [Study; 2] = [
     Study {
         folder: "study-hall",
         what: "the embedded hall with its haze",
-        args: &["--texels", "12000", "--reference-samples", "1024"],
+        args: &["--texels", "6000", "--reference-samples", "512"],
         plots: &["pareto", "samples", "media-rung", "volume-resolution", "denoising", "texel-density"],
     },
     Study {
@@ -35,9 +35,9 @@ const STUDIES: [Study; 2] = [
         what: "a generated hall with 5,000 lamps and 50,000 emissive triangles",
         args: &[
             "--texels",
-            "12000",
+            "6000",
             "--reference-samples",
-            "1024",
+            "512",
             "--knobs",
             "samples,light samples,light threshold,light choice",
         ],

@@ -70,8 +70,8 @@ fn cases(folder: &Path, test: &str) -> Vec<Case> {
     }
     let Some(shared) = suite::shared(test) else { return cases };
     for (name, file, args) in [
-        ("Sponza in haze", "sponza-crytek-amd/Sponza.gltf", words(&["--max-size", "128", "--config", &haze])),
-        ("staircase", "bitterli-staircase/staircase.glb", words(&["--max-size", "64"])),
+        ("Sponza in haze", "sponza-crytek-amd/Sponza.gltf", words(&["--max-size", "256", "--config", &haze])),
+        ("staircase", "bitterli-staircase/staircase.glb", words(&["--max-size", "128"])),
         ("Cornell box", "cornell-fazil/cornell-box.glb", words(&["--max-size", "128"])),
     ] {
         cases.push(Case { name, scene: shared.join("scenes").join(file), args });

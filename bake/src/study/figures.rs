@@ -20,6 +20,8 @@ pub struct Reference {
     b: Vec<f64>,
     /// Whether a texel counts for [`Errors::error`].
     kept: Vec<bool>,
+    /// How much its error weighs.
+    weight: Vec<f64>,
     mean: f64,
 }
 
@@ -62,7 +64,17 @@ impl Reference {
         order[..good].iter().for_each(|&i| kept[i] = true);
         let mean =
             (0..n).map(|i| 0.5 * (first.luminance[i] + second.luminance[i])).sum::<f64>() / n.max(1) as f64;
-        Self { a: first.luminance, b: second.luminance, kept, mean }
+        Self { a: first.luminance, b: second.luminance, kept, weight: vec![1.0; n], mean }
+    }
+
+    /// The same with errors as parts of the place's own light and the mean together: light grows without bound towards lamps, and few places
+    /// beside them would decide.
+    #[must_use]
+    pub fn in_proportion(self) -> Self {
+        let own = |i: usize| (0.5 * (self.a[i] + self.b[i])).max(0.0);
+        let weight =
+            (0..self.len()).map(|i| if 0.0 < self.mean { self.mean / (own(i) + self.mean) } else { 1.0 });
+        Self { weight: weight.collect(), ..self }
     }
 
     /// The same with only those texels or points for which `counts` holds.
@@ -93,7 +105,7 @@ impl Reference {
     /// What the references themselves are off by, as a part of the mean.
     #[must_use]
     pub fn noise(&self) -> f64 {
-        let square = |i: usize| 0.25 * (self.a[i] - self.b[i]).powi(2);
+        let square = |i: usize| 0.25 * (self.weight[i] * (self.a[i] - self.b[i])).powi(2);
         self.root(self.average(|i| self.kept[i], square))
     }
 
@@ -102,11 +114,13 @@ impl Reference {
     pub fn errors(&self, seeds: &[&[f64]]) -> Errors {
         let k = seeds.len().max(1) as f64;
         let pairs: Vec<(usize, usize)> = (0..seeds.len()).flat_map(|s| (0..s).map(move |t| (s, t))).collect();
-        let square =
-            |i: usize| seeds.iter().map(|x| (x[i] - self.a[i]) * (x[i] - self.b[i])).sum::<f64>() / k;
+        let square = |i: usize| {
+            let sum = seeds.iter().map(|x| (x[i] - self.a[i]) * (x[i] - self.b[i])).sum::<f64>();
+            self.weight[i].powi(2) * sum / k
+        };
         let variance = |i: usize| {
             let sum = pairs.iter().map(|&(s, t)| 0.5 * (seeds[s][i] - seeds[t][i]).powi(2)).sum::<f64>();
-            sum / pairs.len().max(1) as f64
+            self.weight[i].powi(2) * sum / pairs.len().max(1) as f64
         };
         let kept = |i: usize| self.kept[i];
         let mse = self.average(kept, square);
@@ -183,12 +197,13 @@ pub struct Row {
     pub front: bool,
 }
 
-/// Farthest that the number of samples is changed in thought to compare two bakes at the same error.
-const STRETCH: f64 = 4.0;
+/// Farthest that the number of samples is changed in thought to compare two bakes at the same error: with few samples errors fall faster than the
+/// root of their number, so what was measured with more of them would look too good with fewer.
+const STRETCH: f64 = 1.5;
 
 impl Row {
     /// Processor seconds with as many samples as give `error`, if noise falls with their root; `None` where bias forbids it, or
-    /// where that is more than four times as many, or fewer, than were measured.
+    /// where that is more than one and a half times as many as were measured, or fewer by the same factor.
     #[must_use]
     pub fn seconds_at(&self, error: f64) -> Option<f64> {
         if self.denoised {
@@ -299,6 +314,20 @@ mod tests {
 
     fn plus(base: f64, noise: &[f64]) -> Vec<f64> {
         noise.iter().map(|n| base + n).collect()
+    }
+
+    /// Beside a lamp an error counts as a part of what is there.
+    #[test]
+    fn errors_in_proportion_are_parts_of_the_places_own_light() {
+        let mut truth = vec![1.0; 4000];
+        truth[..100].fill(1000.0);
+        let at = || shot(&truth, 1.0);
+        let x: Vec<f64> = truth.iter().map(|t| 1.1 * t).collect();
+        let e = Reference::new(at(), at()).in_proportion().errors(&[&x, &x]);
+        let mean = truth.iter().sum::<f64>() / 4000.0;
+        let part = |t: f64| (0.1 * t / (t + mean)).powi(2);
+        let want = ((100.0 * part(1000.0) + 3900.0 * part(1.0)) / 4000.0).sqrt();
+        assert!((e.all / want - 1.0).abs() < 1e-9, "{e:?} {want}");
     }
 
     /// Noise and bias of known sizes are found beneath references that are as noisy as the bakes.

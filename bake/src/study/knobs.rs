@@ -32,7 +32,7 @@ impl Measure {
                 "Errors of bilinear fetches at points on surfaces against unbiased paths from there."
             }
             Self::Probes => {
-                "Errors of irradiance on planes of any direction at points in the air, against unbiased paths from there; seconds of probes alone."
+                "Errors of irradiance on planes of any direction at points in the air, against unbiased paths from there, as parts of the sum of the place's own light and the mean; seconds of probes alone."
             }
         }
     }
@@ -129,6 +129,11 @@ fn series(from: u32, to: u32, factor: u32) -> Vec<u32> {
 pub fn all(plan: &Plan) -> Vec<Knob> {
     let scatters = plan.tracing().media.as_ref().is_some_and(Media::scatters);
     let medium = (Quality::Medium.name().to_owned(), plain(Quality::Medium));
+    // How many samples are worth their time is seen before a denoiser takes their noise away.
+    let raw = {
+        let args = [plain(Quality::Medium), words(&["--denoise", Denoise::Off.name()])].concat();
+        ("medium, not denoised".to_owned(), args)
+    };
     let on = |quality: Quality| (quality.name().to_owned(), plain(quality));
     let knob = |name, option, about, settings| Knob {
         name,
@@ -142,6 +147,7 @@ pub fn all(plan: &Plan) -> Vec<Knob> {
     let without_media = || (!scatters).then(|| "no medium of the scene scatters".to_owned());
     let mut knobs = vec![
         Knob {
+            base: raw.clone(),
             settings: samples(&series(8, 1024, 2), 64),
             ..knob(
                 "samples",
@@ -150,12 +156,18 @@ pub fn all(plan: &Plan) -> Vec<Knob> {
                 Vec::new(),
             )
         },
-        knob(
-            "adaptive sampling",
-            "--samples",
-            "The same number of paths in every texel, instead of more where the variance is",
-            vec![setting("even", &["--samples", "64"], false), setting("where the variance is", &[], true)],
-        ),
+        Knob {
+            base: raw.clone(),
+            ..knob(
+                "adaptive sampling",
+                "--samples",
+                "The same number of paths in every texel, instead of more where the variance is",
+                vec![
+                    setting("even", &["--samples", "64"], false),
+                    setting("where the variance is", &[], true),
+                ],
+            )
+        },
         knob("bounces", "--bounces", "Reflections until a path ends", {
             let mut list = numbers("--bounces", &[0, 1, 2, 4, 8, 16], u32::MAX);
             list.push(setting("unlimited, without cache", &["--irradiance-cache", "off"], false));
@@ -220,7 +232,7 @@ pub fn all(plan: &Plan) -> Vec<Knob> {
         })
     });
     knobs.extend(of_tables(plan, &medium));
-    knobs.extend(of_lights(plan, &medium));
+    knobs.extend(of_lights(plan, &raw));
     knobs.push(Knob {
         measure: Measure::Fetches,
         ..knob(

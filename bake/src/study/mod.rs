@@ -345,6 +345,7 @@ impl Study<'_> {
             }
         };
         let truth = Reference::new(at(REFERENCES[0])?, at(REFERENCES[1])?);
+        let truth = if knob.measure == Measure::Probes { truth.in_proportion() } else { truth };
         if truth.is_empty() || truth.mean() <= 0.0 {
             return Err(Error::Usage("no place is lit at which bakes could be compared".to_owned()));
         }
