@@ -200,9 +200,8 @@ impl Study<'_> {
     /// Options of bakes that are as right as bakes can be: paths that scatter, and no cache.
     fn truth(&self) -> Vec<String> {
         let samples = self.options.reference_samples.to_string();
-        ["--media", "reference", "--irradiance-cache", "off", "--probes", "off", "--samples", &samples]
-            .map(str::to_owned)
-            .to_vec()
+        let paths = ["--media", "reference", "--irradiance-cache", "off", "--samples", &samples];
+        [&paths[..], &["--probes", "off", "--seams", "off"]].concat().into_iter().map(str::to_owned).collect()
     }
 
     fn density(&self) -> Vec<String> {
@@ -234,15 +233,7 @@ impl Study<'_> {
     fn presets(&mut self, truth: &Reference) -> Result<Vec<Row>> {
         let mut rows = Vec::new();
         for quality in Quality::ALL {
-            let base = (
-                quality.name().to_owned(),
-                vec![
-                    "--quality".to_owned(),
-                    quality.name().to_owned(),
-                    "--probes".to_owned(),
-                    "off".to_owned(),
-                ],
-            );
+            let base = (quality.name().to_owned(), knobs::plain(quality));
             let setting = Setting { label: quality.name().to_owned(), args: Vec::new(), usual: true };
             rows.push(self.row("preset", &base, &setting, truth, true)?);
         }
