@@ -389,8 +389,9 @@ mod tests {
     fn equal_error_takes_the_square_of_samples() {
         let r = row(1.0, 2.0, 0.02, 0.0);
         assert_eq!(r.seconds_at(0.02), Some(3.0));
-        assert_eq!(r.seconds_at(0.01), Some(9.0));
-        assert_eq!(r.seconds_at(0.009), None, "too far from what was measured");
+        let fewer = r.seconds_at(0.024).expect("near what was measured");
+        assert!((fewer - (1.0 + 2.0 / 1.44)).abs() < 1e-9, "{fewer}");
+        assert_eq!(r.seconds_at(0.016), None, "too far from what was measured");
         let biased = row(1.0, 2.0, 0.03, 0.04);
         assert_eq!(biased.seconds_at(0.04), None);
         assert!((biased.seconds_at(0.05).expect("reachable") - 3.0).abs() < 1e-9);
