@@ -135,9 +135,21 @@ fn boundaries(group: &mut Group) {
         bad as f64
     });
     group.add("boxes that touch count once within an ulp of their common face", 0.0, move || {
-        let right = Region::Box { min: vec3(1.0, 0.0, 0.0), max: vec3(2.0, 1.0, 1.0) };
-        let m = media(vec![body(1.0, 0.0, cube(0.0, 1.0)), body(1.0, 0.0, right)]);
-        worst(ulps(1.0).map(|x| (ray(vec3(x, -1.0, 0.5), Vec3::Y)(&m) - 1.0).abs()))
+        let mut bad = 0.0f64;
+        // Faces across each axis, along each of the two others, both ways.
+        for (across, along) in [(0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1)] {
+            let step = Vec3::AXES[across];
+            let right = Region::Box { min: step, max: Vec3::ONE + step };
+            let m = media(vec![body(1.0, 0.0, cube(0.0, 1.0)), body(1.0, 0.0, right)]);
+            for (start, way) in [(-1.0, 1.0), (2.0, -1.0)] {
+                for x in ulps(1.0) {
+                    let mut from = Vec3::splat(0.5);
+                    (from[across], from[along]) = (x, start);
+                    bad = worst([bad, (ray(from, way * Vec3::AXES[along])(&m) - 1.0).abs()]);
+                }
+            }
+        }
+        bad
     });
     group.add("along an edge and through a corner", 1e-6, move || {
         let m = media(vec![body(1.0, 0.0, cube(0.0, 1.0))]);
