@@ -1,7 +1,7 @@
 //! What textures of a lightmap page take: time, size and error beside its EXR.
 //!
 //! `cargo run --release -p suite --example textures -- FILE.exr [RADIUS]` measures a page of a bake, for instance of
-//! `bake run --texels-per-metre 54 --max-size 2048`. With a radius the page is smoothed first, as a denoiser leaves it: three means over squares within the
+//! `bake run --texels-per-metre 54 --max-size 2048 --denoise off`. With a radius the page is smoothed first, as a denoiser leaves it: three means over squares within the
 //! covered texels. Times are the least of three runs, wall and processor; all include reading back and comparing, but that of the plain EXR.
 
 #![expect(clippy::print_stdout, reason = "figures that are reported")]

@@ -30,7 +30,7 @@ const CLASSES: [f64; 3] = [0.5, 0.15, 0.025];
 const TEXELS: usize = 128;
 
 /// At least this many texels stand behind each of them, so that an audit costs little.
-pub const ONE_IN: usize = 32;
+const ONE_IN: usize = 32;
 
 /// Audits of fewer texels say too little.
 const FEWEST: usize = 32;
@@ -102,8 +102,7 @@ fn noise(texel: &Texel, dim: f64) -> f64 {
     if 0.0 < value { f64::from(luminance(texel.std_err())) / value } else { 0.0 }
 }
 
-/// Audits a page. `unbiased` is the kernel without its cache; at most one texel in `one_in` is gathered again. `None` where there are
-/// too few lit texels.
+/// Audits a page. `unbiased` is the kernel without its cache; `None` where there are too few lit texels.
 ///
 /// # Errors
 ///
@@ -113,7 +112,7 @@ pub fn audit(
     map: &TexelMap,
     page: usize,
     seed: u64,
-    (texels, one_in): (&[Texel], usize),
+    texels: &[Texel],
     monitor: &Monitor,
 ) -> Result<Option<Audit>, Error> {
     let valid: Vec<usize> = (0..texels.len()).filter(|&i| texels[i].validity == Validity::Valid).collect();
@@ -122,7 +121,7 @@ pub fn audit(
     let dim = DIM * mean;
     let mut ranked: Vec<(f64, usize)> = valid.iter().map(|&i| (noise(&texels[i], dim), i)).collect();
     ranked.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    let few = ranked.len() < 4 * one_in * FEWEST;
+    let few = ranked.len() < 4 * ONE_IN * FEWEST;
     let mut audit = Audit { dim, ..Audit::default() };
     let mut variance = 0.0;
     let mut from = 0;
@@ -130,7 +129,7 @@ pub fn audit(
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a part of a length")]
         let to = ranked.len() - (behind * ranked.len() as f64) as usize;
         let class = &ranked[from..to];
-        let n = TEXELS.min(class.len() / one_in);
+        let n = TEXELS.min(class.len() / ONE_IN);
         let asked: Vec<[Texel; 1 + AGAIN]> = (0..n)
             .into_par_iter()
             .with_max_len(1)

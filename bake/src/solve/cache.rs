@@ -159,7 +159,7 @@ fn points(kernel: &Kernel<'_>, receivers: &[Vertex], cell: f32, rays: u64, seed:
 const LOOKS: u32 = 16;
 
 /// How far from a point its irradiance is taken to hold, as a part of the harmonic mean of the distances of what it sees: its gradient
-/// grows with the inverse of these (\[WRC88\] eq. 4, whose limit of the error this is).
+/// grows with the inverse of these (\[WRC88\], the split sphere).
 const REACH: f32 = 0.5;
 
 /// How far the value of a point holds, metres.

@@ -99,14 +99,14 @@ impl Task<'_> {
             }
             Sampling::Budget(_) => self.budget(monitor),
         }?;
-        self.audit(&mut solution, audit::ONE_IN, monitor)?;
+        self.audit(&mut solution, monitor)?;
         Ok(solution)
     }
 
     /// Finds out how far the stated errors can be trusted.
-    fn audit(&self, solution: &mut Solution, one_in: usize, monitor: &Monitor) -> Result<(), Error> {
-        let texels = (&solution.texels[..], one_in);
-        solution.audit = audit::audit(self.unbiased, self.map, self.page, self.effort.seed, texels, monitor)?;
+    fn audit(&self, solution: &mut Solution, monitor: &Monitor) -> Result<(), Error> {
+        solution.audit =
+            audit::audit(self.unbiased, self.map, self.page, self.effort.seed, &solution.texels, monitor)?;
         Ok(())
     }
 
@@ -114,7 +114,7 @@ impl Task<'_> {
     /// that is low by chance would end it.
     fn audit_whole(&self, solution: &mut Solution, monitor: &Monitor) -> Result<(), Error> {
         let before = solution.audit.as_ref().and_then(|a| a.squares);
-        self.audit(solution, audit::ONE_IN, monitor)?;
+        self.audit(solution, monitor)?;
         let which = (self.page, self.effort.seed, solution.curve.len() as u64);
         let stated = (&solution.texels[..], solution.audit.as_ref());
         let found = audit::squares(self.unbiased, self.map, which, stated, monitor)?;
