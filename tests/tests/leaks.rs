@@ -3,9 +3,12 @@
 #![expect(clippy::print_stdout, reason = "figures that are reported")]
 
 use glam::{DVec3, Vec2, Vec3};
+use serde_json::json;
 use suite::{
     baked::Baked,
+    gltf::{Glb, Material, Node},
     scenes::{closed, open},
+    shape::Shape,
     tool,
 };
 
@@ -48,6 +51,39 @@ fn light_in_a_gap_stays_there() {
     let [without, with] = ["off", "on"].map(light);
     println!("room with a gap: {:+.2} % by the cache", 100.0 * (with / without - 1.0));
     assert!((with / without - 1.0).abs() < 0.02, "{with} nits with the cache, {without} without");
+}
+
+/// Strips that stick out of a block by parts of a texel: whether a texel counts as in the open, and lights its chart, is no matter of the seed.
+#[test]
+fn slivers_in_the_open_are_found_whatever_the_seed() {
+    let mut glb = Glb::new();
+    let mut block = Shape::default();
+    block.cuboid([-1.0, 0.0, -4.0], [1.0, 1.0, 4.0], suite::shape::ALL);
+    let grey = glb.material(&Material::matte("grey", [0.5; 3]));
+    let mesh = glb.mesh("block", &[(&block, grey)]);
+    glb.node(Node::new("block").mesh(mesh));
+    for i in 0..100_u16 {
+        let z = -3.9 + 0.078 * f32::from(i);
+        let out = 1.0 + 0.0002 * f32::from(i + 1);
+        let mut strip = Shape::default();
+        strip.quad(
+            [[0.15, z + 0.03], [out, z + 0.03], [out, z], [0.15, z]].map(|[x, z]| Vec3::new(x, 0.5, z)),
+        );
+        let mesh = glb.mesh("strip", &[(&strip, grey)]);
+        glb.node(Node::new("strip").mesh(mesh));
+    }
+    glb.scene_extra("sky", json!([1, 1, 1]));
+    let scene = glb.finish();
+    let counts: Vec<[u64; 2]> = ["1", "2", "3", "4", "5", "6"]
+        .iter()
+        .map(|seed| {
+            let args = ["--samples", "8", "--texels-per-metre", "10", "--probes", "off", "--seed", seed];
+            let counts = tool::baked(&scene, &args).manifest.counts;
+            [counts.filled_texels, counts.black_charts]
+        })
+        .collect();
+    println!("filled texels and black charts by seed: {counts:?}");
+    assert!(0 < counts[0][0] && counts.iter().all(|c| *c == counts[0]), "{counts:?}");
 }
 
 /// A hollow panel is seen from outside, whichever way it is wound.

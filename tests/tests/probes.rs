@@ -206,6 +206,54 @@ fn only_what_is_wanted_is_gathered() {
     }
 }
 
+/// A lamp under a small plate, 3 cm from a probe: where the light at the probe itself is a hundred times that of the cells around it, the probe stands for
+/// these.
+#[test]
+fn a_lamp_beside_a_probe_does_not_flood_its_cells() {
+    let mut glb = lamp_over_plane("baked");
+    let mut plate = Shape::default();
+    plate.cuboid([-0.05, 3.02, -0.05], [0.05, 3.03, 0.05], suite::shape::ALL);
+    let white = glb.material(&Material::matte("white", [0.8; 3]));
+    let mesh = glb.mesh("plate", &[(&plate, white)]);
+    glb.node(Node::new("plate").mesh(mesh));
+    let around = json!({"min": [-1, 1.97, -1], "max": [1, 3.97, 1]});
+    glb.scene_extra("probes", json!([{"box": around, "spacing": 0.5}]));
+    let scene = glb.finish();
+    let v = baked(&scene, &["--probe-samples", "1024"]);
+    let far = |p: [f32; 3]| (Vec3::from(p) - Vec3::Y * 3.0).length();
+    let nearest = v.probes.iter().map(|p| far(p.position)).fold(f32::INFINITY, f32::min);
+    assert!(nearest < 0.04, "{nearest} m from the lamp");
+    let at: Vec<[[f64; 3]; 2]> = places(400)
+        .map(|[x, y, z, _]| [x, y, z].map(|u| u - 0.5))
+        .map(|[x, y, z]| Vec3::new(x, y + 2.97, z))
+        .filter(|p| (0.2..0.5).contains(&far(p.to_array())))
+        .take(60)
+        .enumerate()
+        .map(|(i, p)| {
+            let n = [Vec3::Y, Vec3::NEG_Y, Vec3::X, Vec3::NEG_X, Vec3::Z, Vec3::NEG_Z][i % 6];
+            [p, n].map(|v| v.to_array().map(|x| (f64::from(x) * 1e3).round() / 1e3))
+        })
+        .collect();
+    let dir = tool::folder_with(&scene);
+    let truth = tool::points(&dir.path().join("scene.glb"), &at, &["--samples", "4096"]);
+    let n = at.len() as f64;
+    let wanted: Vec<f64> = truth.iter().map(|[e, _]| e[1] / std::f64::consts::PI).collect();
+    let mean = wanted.iter().sum::<f64>() / n;
+    let (mut found, mut squares) = (0.0, 0.0);
+    for ([p, normal], want) in at.iter().zip(&wanted) {
+        let single = |v: &[f64; 3]| glam::DVec3::from(*v).as_vec3().to_array();
+        let got = f64::from(v.light(single(p)).expect("air").irradiance(single(normal))[1]);
+        found += got / n;
+        squares += ((got - want) / (want + mean)).powi(2) / n;
+    }
+    let rms = squares.sqrt();
+    println!(
+        "{n} places: mean {mean:.1} nits, by probes {:.2} of it, rms {rms:.2} in proportion",
+        found / mean
+    );
+    assert!((0.3..3.0).contains(&(found / mean)) && rms < 1.0, "{rms}");
+}
+
 /// Probes that a box puts into the floor of a room know nothing of the bright sky beneath it.
 #[test]
 fn probes_in_walls_are_moved_out_of_them() {

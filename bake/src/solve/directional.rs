@@ -17,6 +17,7 @@ use crate::scene::model::Rgb;
 use crate::solve::accumulate::{Gate, Kind, Rejected};
 use crate::solve::lightmap::{Solution, Texel, vertex_of};
 use crate::solve::monitor::Monitor;
+use crate::transport::around::Place;
 use crate::transport::{Kernel, Vertex};
 use glam::{Vec3, Vec3A};
 use rayon::prelude::*;
@@ -127,7 +128,8 @@ pub(super) fn around(
     let p = at.position + at.geometric_normal * at.offset;
     // The last stands for as many as are left.
     let straight = (i % step == 0).then(|| step.min(samples.saturating_sub(i)) as f32);
-    kernel.sample_around((p, Some(at.geometric_normal)), u, straight, sequence, rays, visit);
+    let from = Place { position: p, before: Some(at.geometric_normal), least: 0.0 };
+    kernel.sample_around(from, u, straight, sequence, rays, visit);
 }
 
 /// The vector of a texel over its `E / pi`, from sums of light times direction and of light times cosine over the same samples.

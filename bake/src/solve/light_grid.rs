@@ -187,8 +187,8 @@ pub fn all_light(kernel: &Kernel<'_>, grid: &LightGrid, seed: u64) -> AllLight {
                 let [a, b, c, _] = sequence.next4();
                 let p = kernel.near_node(grid, node, [a, b, c], &mut 0);
                 let media = Some(grid.media());
-                kernel.straight_to(media, Patches::All, p, &mut sequence, &mut 0, |of, wi, illuminance| {
-                    for ((sum, indirect), y) in light.iter_mut().zip(&mut indirect).zip(harmonics(wi)) {
+                kernel.straight_to(media, Patches::All, p, &mut sequence, &mut 0, |of, lamp, illuminance| {
+                    for ((sum, indirect), y) in light.iter_mut().zip(&mut indirect).zip(harmonics(lamp.wi)) {
                         let more = illuminance * (y / PLACES as f32);
                         *sum += more;
                         if of == Straight::Patch {

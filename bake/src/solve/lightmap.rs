@@ -472,7 +472,7 @@ fn add(at: &Place<'_>, kind: Kind, n: u32, texel: &mut Texel, scratch: &mut Vec<
 }
 
 impl Place<'_> {
-    /// The point of the texel that `u` chooses; `None` where it is hidden or has no area.
+    /// The point of the texel that `u` chooses, in the open; `None` where none is found or where it has no area.
     fn vertex(&self, u: [f32; 2]) -> Option<Vertex> {
         point(self.kernel, self.sampler, (self.cells, self.side), u)
     }
@@ -523,12 +523,24 @@ fn point(
     (cells, side): (Cells, Side),
     u: [f32; 2],
 ) -> Option<Vertex> {
-    let on = sampler.sample(u);
-    if !cells[cell_index(on.uv.to_array())] {
-        return None;
+    let mut on = sampler.sample(u);
+    let mut again = 0;
+    while !cells[cell_index(on.uv.to_array())] {
+        if again == AGAIN {
+            return None;
+        }
+        // The part in the open may be a corner that one number of a hundred finds: with a few paths it would seem not to be there, or it would,
+        // as the seed has it.
+        again += 1;
+        let bits = u.map(|x| u64::from(x.to_bits()));
+        let [x, y, ..] = Sequence::new(bits[0] << 32 | bits[1], again).next4();
+        on = sampler.sample([x, y]);
     }
     receiver(kernel, on.triangle, on.bary, side)
 }
+
+/// How often another point of a texel is chosen where one is hidden.
+const AGAIN: u32 = 64;
 
 /// A point of a solved texel, on the side that it shows; `None` where it is hidden or has no area.
 pub(super) fn vertex_of(

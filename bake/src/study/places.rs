@@ -6,6 +6,7 @@ use crate::output::{exr, folder};
 use crate::plan::Plan;
 use crate::sample::warp::{square_to_cone, square_to_triangle};
 use crate::sample::{Sequence, sequence};
+use crate::solve::probes::is_in_wall;
 use crate::study::shots::{Studio, Values, luminance};
 use crate::transport::Kernel;
 use glam::{Vec2, Vec3, Vec3A};
@@ -97,6 +98,10 @@ impl Places {
             let along = free * (ALONG[0] + (ALONG[1] - ALONG[0]) * d);
             let [e, f, ..] = numbers.next4();
             let above: Vec3A = ray.origin + ray.direction * along;
+            // Where one body stands in another, faces of the first look into the second.
+            if is_in_wall(kernel, above) {
+                continue;
+            }
             places.air.push([Vec3::from(above) + world.origin, square_to_cone([e, f], WHOLE).into()]);
         }
         places

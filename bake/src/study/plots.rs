@@ -19,10 +19,10 @@ const LABELLED: usize = 12;
 pub struct Curve<'a> {
     /// Its name in the legend.
     pub name: String,
-    /// Its points, in the order in which they are joined.
+    /// Its points.
     pub rows: Vec<&'a Row>,
-    /// Whether they are joined.
-    pub joined: bool,
+    /// Those of them that a line joins, in its order.
+    pub line: Vec<&'a Row>,
 }
 
 /// Error over processor seconds, both in logarithms; beside each point its setting, below it its bias as a hollow point.
@@ -110,15 +110,12 @@ fn panel<B: DrawingBackend>(
         .map_err(failed)?;
     for (k, curve) in curves.iter().enumerate() {
         let colour = Palette99::pick(k).to_rgba();
-        let points: Vec<(f64, f64)> =
-            curve.rows.iter().map(|r| (r.cost.seconds(), r.errors.error)).filter(|(_, e)| 0.0 < *e).collect();
-        if curve.joined {
-            chart
-                .draw_series(LineSeries::new(points.iter().copied(), colour.stroke_width(2)))
-                .map_err(failed)?;
-        }
+        let points = |rows: &[&Row]| -> Vec<(f64, f64)> {
+            rows.iter().map(|r| (r.cost.seconds(), r.errors.error)).filter(|(_, e)| 0.0 < *e).collect()
+        };
+        chart.draw_series(LineSeries::new(points(&curve.line), colour.stroke_width(2))).map_err(failed)?;
         chart
-            .draw_series(points.iter().map(|p| Circle::new(*p, 4, colour.filled())))
+            .draw_series(points(&curve.rows).into_iter().map(|p| Circle::new(p, 4, colour.filled())))
             .map_err(failed)?
             .label(curve.name.as_str())
             .legend(move |(x, y)| Circle::new((x + 8, y), 4, colour.filled()));

@@ -95,6 +95,13 @@ fn file_name(knob: &str) -> String {
     format!("{}.svg", knob.replace(' ', "-").to_lowercase())
 }
 
+/// Settings that are numbers, and the one that is none because it sets no limit: others lie between them. None where words alone are chosen from.
+fn numbers(rows: &[Row]) -> Vec<&Row> {
+    let is_number = |r: &&Row| r.setting.parse::<f64>().is_ok();
+    let any = rows.iter().any(|r| is_number(&r));
+    rows.iter().filter(|r| any && (is_number(r) || r.usual)).collect()
+}
+
 /// The plots by file name.
 fn plots(report: &Report) -> Result<BTreeMap<String, String>> {
     let mut out = BTreeMap::new();
@@ -102,7 +109,11 @@ fn plots(report: &Report) -> Result<BTreeMap<String, String>> {
         let curves: Vec<Curve<'_>> = list
             .iter()
             .filter(|t| !t.rows.is_empty())
-            .map(|t| Curve { name: t.knob.base.0.clone(), rows: t.rows.iter().collect(), joined: true })
+            .map(|t| Curve {
+                name: t.knob.base.0.clone(),
+                line: numbers(&t.rows),
+                rows: t.rows.iter().collect(),
+            })
             .collect();
         if !curves.is_empty() {
             out.insert(file_name(name), plots::knob(&format!("{name} ({})", report.scene), &curves)?);
@@ -112,9 +123,9 @@ fn plots(report: &Report) -> Result<BTreeMap<String, String>> {
     let mut front: Vec<&Row> = competes.iter().copied().filter(|r| r.front).collect();
     front.sort_by(|a, b| a.cost.seconds().total_cmp(&b.cost.seconds()));
     let curves = [
-        Curve { name: "every bake".to_owned(), rows: competes, joined: false },
-        Curve { name: "front".to_owned(), rows: front, joined: true },
-        Curve { name: "presets".to_owned(), rows: report.presets.iter().collect(), joined: false },
+        Curve { name: "every bake".to_owned(), rows: competes, line: Vec::new() },
+        Curve { name: "front".to_owned(), line: front.clone(), rows: front },
+        Curve { name: "presets".to_owned(), rows: report.presets.iter().collect(), line: Vec::new() },
     ];
     out.insert("pareto.svg".to_owned(), plots::pareto(&format!("all knobs ({})", report.scene), &curves)?);
     Ok(out)

@@ -22,6 +22,20 @@ pub enum Finds {
     Irradiance,
 }
 
+/// Places in the air keep this part of their distance from what is behind them.
+const NEXT_TO: f32 = 0.95;
+
+/// Where light is looked for in the air.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// Metres relative to [`crate::geom::World::origin`].
+    pub position: Vec3A,
+    /// A unit normal, where only what comes from its side is asked for.
+    pub before: Option<Vec3A>,
+    /// Lamps that are nearer shine as from this distance, metres.
+    pub least: f32,
+}
+
 /// What a ray from a place in the air met.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Met {
@@ -45,7 +59,7 @@ impl<const AIR: bool> Kernel<'_, AIR> {
     /// See [`Kernel::sample_around`].
     pub(crate) fn sample(
         &self,
-        (p, before): (Vec3A, Option<Vec3A>),
+        Place { position: p, before, least }: Place,
         u: [f32; 2],
         straight: Option<f32>,
         sequence: &mut Sequence,
@@ -95,8 +109,9 @@ impl<const AIR: bool> Kernel<'_, AIR> {
         if let Some(weight) = straight {
             // Paths through media find emissive surfaces by chance, and others find those that are near.
             let patches = if scattering.is_some() { Patches::None } else { Patches::Far };
-            self.straight_to(self.media(), patches, p, sequence, rays, |_, wi, illuminance| {
-                visit(wi, illuminance * weight);
+            self.straight_to(self.media(), patches, p, sequence, rays, |_, lamp, illuminance| {
+                let near = (lamp.distance / least).min(1.0);
+                visit(lamp.wi, illuminance * (weight * near * near));
             });
         }
     }
@@ -131,6 +146,15 @@ impl<const AIR: bool> Kernel<'_, AIR> {
             let double_sided = self.world.material(self.scene, hit.triangle).double_sided;
             Met { distance: hit.t, normal, front: direction.dot(normal) < 0.0, double_sided }
         })
+    }
+
+    /// A place of a ball around another, which sees it; all of the ball is as likely where nothing is in it.
+    pub(crate) fn nearby(&self, p: Vec3A, radius: f32, [a, b, c]: [f32; 3], rays: &mut u32) -> Vec3A {
+        let direction = square_to_sphere([a, b]);
+        *rays += 1;
+        let ray = Ray { origin: p, direction, t_max: radius };
+        let free = self.closest(&ray).map_or(radius, |hit| NEXT_TO * hit.t);
+        p + direction * (free * c.cbrt())
     }
 
     /// Whether one place in the air sees another: nothing opaque is between them.

@@ -2,6 +2,7 @@
 
 use crate::sample::Sequence;
 use crate::scene::model::Rgb;
+use crate::transport::around::Place;
 use crate::transport::path::{Estimate, Kernel, Vertex};
 use glam::Vec3A;
 
@@ -33,13 +34,12 @@ impl Kernel<'_> {
         }
     }
 
-    /// One sample of the light at `p`, in metres relative to [`crate::geom::World::origin`]: `visit` hears of directions and of what arrives from there, for
+    /// One sample of the light at a place in the air: `visit` hears of directions and of what arrives from there, for
     /// [`Finds::Radiance`](super::around::Finds::Radiance) in nits times steradian. `u` chooses the direction of a path. Light straight from suns and lamps
     /// is part of a share of the samples, those with `straight`, which stands for as many. Lights whose direct part the game adds bring only the rest.
-    /// With `before`, a unit normal, only what comes from that side is asked for.
     pub fn sample_around(
         &self,
-        from: (Vec3A, Option<Vec3A>),
+        from: Place,
         u: [f32; 2],
         straight: Option<f32>,
         sequence: &mut Sequence,

@@ -360,7 +360,7 @@ impl<const AIR: bool> Kernel<'_, AIR> {
         Some((Incident { wi, distance, illuminance }, distance - 2.0 * offset))
     }
 
-    /// Light that comes straight to a place in the air, what it is of, a direction and an illuminance each, lux: of suns, of lamps and, as `patches` says, of emissive surfaces that grids do not hold.
+    /// Light that comes straight to a place in the air, what it is of, where it is and an illuminance each, lux: of suns, of lamps and, as `patches` says, of emissive surfaces that grids do not hold.
     /// Media weaken it. Lights whose direct part the game adds are left out. Of many one stands for all.
     pub(crate) fn straight_to(
         &self,
@@ -369,14 +369,14 @@ impl<const AIR: bool> Kernel<'_, AIR> {
         p: Vec3A,
         sequence: &mut Sequence,
         rays: &mut u32,
-        mut visit: impl FnMut(Straight, Vec3A, Rgb),
+        mut visit: impl FnMut(Straight, &Incident, Rgb),
     ) {
         let l = self.lights;
         let mut see = |of: Straight, light: &Incident, reach: f32, weight: f32, rays: &mut u32| {
             let left = self.unblocked(&in_air(p), light.wi, reach, rays);
             if left != Vec3::ZERO {
                 let through = media.map_or(Vec3::ONE, |m| m.transmittance(p, light.wi, light.distance));
-                visit(of, light.wi, light.illuminance * left * through * weight);
+                visit(of, light, light.illuminance * left * through * weight);
             }
         };
         let [a, b, c, d] = sequence.next4();

@@ -171,7 +171,7 @@ enum Mode {
 }
 
 impl Job<'_> {
-    /// The highest density on one page.
+    /// The highest density on one page; on several where one is too small for so many surfaces.
     fn fit(&self, page_size: u32, findings: &mut Vec<Finding>) -> Result<Packed, Error> {
         let members = || self.classes.iter().flat_map(|c| c.members.iter().map(move |m| (c, m)));
         let area: f64 = members().map(|(c, m)| c.area * m.metres * m.metres).sum();
@@ -182,8 +182,14 @@ impl Job<'_> {
         for _ in 0..4 {
             let sources = self.sources(density);
             let limits = vec![1.0; sources.len()];
-            let out = self.generate(&sources, &limits, Mode::Auto(page_size));
-            let mut packed = self.packed(sources, &limits, out.map_err(|e| refused(&e))?);
+            let out = match self.generate(&sources, &limits, Mode::Auto(page_size)) {
+                // So many surfaces that the space between them leaves no room for their charts.
+                Err(UvError::ChartTooLarge { .. } | UvError::AtlasTooLarge { .. }) => {
+                    return self.fixed(density, page_size, findings);
+                }
+                out => out.map_err(|e| refused(&e))?,
+            };
+            let mut packed = self.packed(sources, &limits, out);
             packed.width = page_size;
             if !fixed_points {
                 return Ok(packed);
@@ -503,6 +509,10 @@ fn narrow(x: f64) -> f32 {
 fn refused(e: &UvError) -> Error {
     match e {
         UvError::Cancelled => Error::Interrupted,
+        UvError::ChartTooLarge { .. } | UvError::AtlasTooLarge { .. } => Error::Usage(
+            "the surfaces cannot be laid out on pages of this size: raise --max-size or lower the density"
+                .to_owned(),
+        ),
         e => Error::Usage(format!("the surfaces cannot be laid out: {e}")),
     }
 }

@@ -6,7 +6,7 @@ use crate::scene::model::Rgb;
 use crate::solve::accumulate::{Gate, Kind, Rejected};
 use crate::solve::monitor::Monitor;
 use crate::transport::Kernel;
-use crate::transport::around::Finds;
+use crate::transport::around::{Finds, Place};
 use glam::{Vec3, Vec3A};
 use tables::harmonics::real;
 use tables::num::moments::Moments;
@@ -20,6 +20,55 @@ const STRAIGHT: u32 = 64;
 
 /// Irradiance over pi to radiance, band by band; irradiance has no third band.
 const FROM_IRRADIANCE: [f32; 4] = [1.0, 1.5, 4.0, 0.0];
+
+/// Lamps within so many cells are beside a probe.
+const BESIDE: f32 = 1.0;
+
+/// Samples that do not start at the probe itself keep so far off lamps, parts of a cell, and nearer lamps shine as from there.
+const OFF: f32 = 0.5;
+
+/// Places that are tried for that.
+const TRIES: usize = 8;
+
+/// Lamps from which samples keep off, at most: beside more of them one does not stand out.
+pub(super) const MOST_LAMPS: usize = 16;
+
+/// How far away they may be, cells: a cell and as far as samples keep off.
+pub(super) const FARTHEST: f32 = BESIDE + OFF;
+
+/// Where a probe gathers.
+#[derive(Clone, Debug)]
+pub(super) struct Region {
+    /// Metres relative to the world's origin.
+    pub(super) place: Vec3A,
+    /// Width of the cells that the probe is a corner of, metres.
+    pub(super) cell: f32,
+    /// Lamps and small emissive surfaces in these cells and beside them.
+    pub(super) lamps: Vec<Vec3A>,
+}
+
+impl Region {
+    /// Where a sample starts: the place itself unless a lamp is so near that the light there, and on what the lamp hangs from, may be hundreds of times
+    /// what is a step away. Then it is a place of a ball as wide as the cells that is seen from there and lies off lamps.
+    fn start(&self, kernel: &Kernel<'_>, sequence: &mut Sequence, rays: &mut u32) -> Vec3A {
+        let mut place = self.place;
+        let off = |p: Vec3A, cells: f32| {
+            let far = cells * self.cell;
+            self.lamps.iter().all(|lamp| far * far <= (*lamp - p).length_squared())
+        };
+        if off(place, BESIDE) {
+            return place;
+        }
+        for _ in 0..TRIES {
+            let [a, b, c, _] = sequence.next4();
+            place = kernel.nearby(self.place, self.cell, [a, b, c], rays);
+            if off(place, OFF) {
+                break;
+            }
+        }
+        place
+    }
+}
 
 /// What a probe found.
 #[derive(Clone, Debug)]
@@ -37,10 +86,10 @@ fn per_block(samples: u32) -> u32 {
     samples.div_ceil(BLOCKS).max(1)
 }
 
-/// Visits what sample `i` of so many finds around a place.
+/// Visits what sample `i` of so many finds in a region.
 pub(super) fn sample(
     kernel: &Kernel<'_>,
-    p: Vec3A,
+    region: &Region,
     (i, samples): (u32, u32),
     key: u64,
     rays: &mut u32,
@@ -54,13 +103,15 @@ pub(super) fn sample(
     let mut sequence = Sequence::new(key, i);
     let [a, b, _, _] = sequence.next4();
     let straight = (i % step == 0).then_some(step as f32);
-    kernel.sample_around((p, None), [a, b], straight, &mut sequence, rays, visit);
+    let position = region.start(kernel, &mut sequence, rays);
+    let from = Place { position, before: None, least: OFF * region.cell };
+    kernel.sample_around(from, [a, b], straight, &mut sequence, rays, visit);
 }
 
-/// Gathers `samples` paths, rounded up to a multiple of 16, at a place in metres relative to the world's origin. `of` are the numbers of the volume and the probe.
+/// Gathers `samples` paths, rounded up to a multiple of 16, in a region. `of` are the numbers of the volume and the probe.
 pub(super) fn gather(
     kernel: &Kernel<'_>,
-    p: Vec3A,
+    region: &Region,
     samples: u32,
     (key, of): (u64, (usize, u32)),
     monitor: &Monitor,
@@ -79,7 +130,7 @@ pub(super) fn gather(
         let mut brightness = 0.0f64;
         for i in block * per_block..(block + 1) * per_block {
             let at = Rejected { page: of.0, texel: of.1, kind: Kind::Probe, sample: i };
-            sample(kernel, p, (i, samples), key, &mut rays, &mut |wi: Vec3A, light: Rgb| {
+            sample(kernel, region, (i, samples), key, &mut rays, &mut |wi: Vec3A, light: Rgb| {
                 let light = gate.admit(light, at);
                 if light == Vec3::ZERO {
                     return;

@@ -12,15 +12,17 @@ mod settle;
 
 use crate::error::Error;
 use crate::geom::world::luminance;
+use crate::light::punctual::Punctual;
 use crate::solve::accumulate::Gate;
 use crate::solve::monitor::Monitor;
 use crate::solve::replay::Replayed;
 use crate::transport::Kernel;
-use gather::Gathered;
+use gather::{FARTHEST, Gathered, MOST_LAMPS, Region};
 use glam::{Vec3, Vec3A};
 use layout::Hanging;
 pub use layout::{Layout, Where};
 use rayon::prelude::*;
+pub use settle::is_in_wall;
 use tables::probes::{Basis, Brick, Lattice, Light, NONE, Occlusion, Probe, ProbeVolume, least_window};
 
 /// Random numbers of probes belong to this domain and those behind it, one for each volume; see [`crate::sample::sequence::key`].
@@ -54,6 +56,8 @@ pub struct Probing {
     occlusions: Vec<Occlusion>,
     /// Metres, relative to the world's origin, and validity.
     places: Vec<(Vec3A, f32)>,
+    /// Width of the cells that each place is a corner of, the smallest of them, metres.
+    cells: Vec<f32>,
     /// Probes of the lattice; those of single regions are behind them.
     on_lattice: usize,
     hanging: Vec<Hanging>,
@@ -104,6 +108,7 @@ impl Probing {
         }
         let moved = settled.iter().filter(|s| s.moved).count();
         let mut places: Vec<(Vec3A, f32)> = settled.iter().map(|s| (s.place, s.validity)).collect();
+        let mut widths: Vec<f32> = layout.nodes.iter().map(|n| n.reach).collect();
         let on_lattice = places.len();
         let cells = occlude::occlude(kernel, &layout, &settled, monitor)?;
         let hanging = layout.hanging();
@@ -120,6 +125,7 @@ impl Probing {
                         Some(same) => occlusion.own[same],
                         None => {
                             places.push((*place, 1.0));
+                            widths.push(layout.spacing * (1u32 << brick.level) as f32);
                             number(places.len() - 1)
                         }
                     };
@@ -140,6 +146,7 @@ impl Probing {
             bricks,
             occlusions,
             places,
+            cells: widths,
             on_lattice,
             hanging,
             wanted_at,
@@ -151,6 +158,16 @@ impl Probing {
     #[must_use]
     pub fn paths(&self) -> u64 {
         self.wanted_at.iter().filter(|w| **w).count() as u64 * u64::from(self.wanted.samples)
+    }
+
+    /// Where a probe gathers.
+    fn region(&self, kernel: &Kernel<'_>, probe: usize) -> Region {
+        let (place, cell) = (self.places[probe].0, self.cells[probe]);
+        let lights = kernel.lights;
+        let groups = lights.emitters.groups().iter().filter(|g| g.radius < 0.5 * cell);
+        let all = lights.punctual.iter().map(Punctual::position).chain(groups.map(|g| g.centre));
+        let near = all.filter(|p| (*p - place).length_squared() < (FARTHEST * cell).powi(2));
+        Region { place, cell, lamps: near.take(MOST_LAMPS).collect() }
     }
 
     /// What the random numbers of a probe are drawn from, and the numbers of its volume and its own.
@@ -172,9 +189,16 @@ impl Probing {
         let mut out = Replayed::at(kernel.world, place, Vec3A::ZERO);
         let (key, _) = self.random(probe);
         let Replayed { rays, around, .. } = &mut out;
-        gather::sample(kernel, place, (sample, self.wanted.samples), key, rays, &mut |wi, light| {
-            around.push((wi.into(), light));
-        });
+        gather::sample(
+            kernel,
+            &self.region(kernel, probe),
+            (sample, self.wanted.samples),
+            key,
+            rays,
+            &mut |wi, light| {
+                around.push((wi.into(), light));
+            },
+        );
         Some(out)
     }
 
@@ -186,13 +210,14 @@ impl Probing {
     pub fn finish(self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<(ProbeVolume, Figures), Error> {
         let Wanted { basis, samples, .. } = self.wanted;
         let gathered: Vec<Option<Gathered>> = self
-            .places
+            .wanted_at
             .par_iter()
             .enumerate()
             .with_max_len(16)
-            .map(|(i, (place, _))| {
-                let wanted = self.wanted_at[i] && !monitor.stopped();
-                wanted.then(|| gather::gather(kernel, *place, samples, self.random(i), monitor))
+            .map(|(i, wanted)| {
+                (*wanted && !monitor.stopped()).then(|| {
+                    gather::gather(kernel, &self.region(kernel, i), samples, self.random(i), monitor)
+                })
             })
             .collect();
         if monitor.stopped() {

@@ -71,6 +71,12 @@ fn look(kernel: &Kernel<'_>, p: Vec3A, reach: f32) -> Around {
     around
 }
 
+/// Whether a place, in metres relative to the world's origin, sees so many backs that it is in a wall or inside of a body.
+#[must_use]
+pub fn is_in_wall(kernel: &Kernel<'_>, p: Vec3A) -> bool {
+    look(kernel, p, kernel.world.radius).validity < VALID
+}
+
 /// The place of a probe that the lattice wants at `p`, among cells `reach` metres wide.
 pub(super) fn settle(kernel: &Kernel<'_>, p: Vec3A, reach: f32, monitor: &Monitor) -> Settled {
     let here = look(kernel, p, reach);
