@@ -83,7 +83,9 @@ fn slivers_in_the_open_are_found_whatever_the_seed() {
         })
         .collect();
     println!("filled texels and black charts by seed: {counts:?}");
-    assert!(0 < counts[0][0] && counts.iter().all(|c| *c == counts[0]), "{counts:?}");
+    // The shortest stick out by a 500th of a texel.
+    assert!(0 < counts[0][0] && counts[0][1] <= 2, "{counts:?}");
+    assert!(counts.iter().all(|c| *c == counts[0]), "{counts:?}");
 }
 
 /// A hollow panel is seen from outside, whichever way it is wound.

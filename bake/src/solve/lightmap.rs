@@ -2,7 +2,7 @@
 
 use crate::error::Error;
 use crate::geom::atlas::Atlas;
-use crate::geom::texel::{TexelMap, TexelSampler};
+use crate::geom::texel::{TexelMap, TexelSample, TexelSampler};
 use crate::geom::world::luminance;
 use crate::sample::{Sequence, sequence};
 use crate::scene::model::Rgb;
@@ -458,7 +458,7 @@ fn add(at: &Place<'_>, kind: Kind, n: u32, texel: &mut Texel, scratch: &mut Vec<
     if scratch.is_empty() {
         return;
     }
-    // Samples that fall on hidden parts of the texel count as asked for, so that no number is used twice.
+    // Samples that find no part of the texel in the open count as asked for, so that no number is used twice.
     let new = Gathered { samples: n, ..Gathered::of(scratch) };
     *gathered = gathered.merge(new);
     let part = n as f32 / gathered.samples as f32;
@@ -483,7 +483,7 @@ impl Place<'_> {
         self.side == Side::Front && self.kernel.world.material(self.kernel.scene, on.triangle).double_sided
     }
 
-    /// Samples of the given numbers; those that fall on hidden parts of the texel are left out.
+    /// Samples of the given numbers; those that find no part of the texel in the open are left out.
     fn gather(&self, kind: Kind, numbers: Range<u32>, tally: &mut Tally) -> impl Iterator<Item = Sample> {
         let Id { page, texel, seed } = self.id;
         let key = key(kind, page, texel, seed);
@@ -499,7 +499,7 @@ impl Place<'_> {
         })
     }
 
-    /// One sample as it comes, and where it starts; `None` if that is hidden.
+    /// One sample as it comes, and where it starts; `None` if no part in the open was found.
     fn sample(&self, kind: Kind, sequence: &mut Sequence) -> Option<(Vertex, Estimate)> {
         let [a, b, c, d] = sequence.next4();
         let vertex = self.vertex([a, b])?;
@@ -523,26 +523,26 @@ fn point(
     (cells, side): (Cells, Side),
     u: [f32; 2],
 ) -> Option<Vertex> {
+    let is_open = |on: &TexelSample| cells[cell_index(on.uv.to_array())];
     let mut on = sampler.sample(u);
-    let mut again = 0;
-    while !cells[cell_index(on.uv.to_array())] {
-        if again == AGAIN {
-            return None;
-        }
+    if !is_open(&on) {
         // The part in the open may be a corner that one number of a hundred finds: with a few paths it would seem not to be there, or it would,
         // as the seed has it.
-        again += 1;
-        let bits = u.map(|x| u64::from(x.to_bits()));
-        let [x, y, ..] = Sequence::new(bits[0] << 32 | bits[1], again).next4();
-        on = sampler.sample([x, y]);
+        let [first, second] = u.map(|x| u64::from(x.to_bits()));
+        let key = sequence::key(first, second, 0);
+        let others = (0..AGAIN).map(|k| {
+            let [x, y, ..] = Sequence::hashed(key, k).next4();
+            sampler.sample([x, y])
+        });
+        on = others.into_iter().find(is_open)?;
     }
     receiver(kernel, on.triangle, on.bary, side)
 }
 
-/// How often another point of a texel is chosen where one is hidden.
+/// How often another point of a texel is chosen where one is hidden: all but surely found are parts of a twentieth.
 const AGAIN: u32 = 64;
 
-/// A point of a solved texel, on the side that it shows; `None` where it is hidden or has no area.
+/// A point of a solved texel, in the open and on the side that it shows; `None` where none is found or where it has no area.
 pub(super) fn vertex_of(
     kernel: &Kernel<'_>,
     sampler: &TexelSampler,
@@ -567,7 +567,7 @@ pub(super) fn begun(
     Texel { validity, cells: at.cells, side: at.side, open: at.open, ..Texel::default() }
 }
 
-/// One sample of suns and lamps or one path of such a texel, as it comes, and where it starts; `None` if that is hidden.
+/// One sample of suns and lamps or one path of such a texel, as it comes, and where it starts; `None` if no part in the open was found.
 pub(super) fn sample_of(
     kernel: &Kernel<'_>,
     sampler: &TexelSampler,

@@ -53,7 +53,7 @@ impl Replayed {
     }
 }
 
-/// A sample of a texel as [`lightmap::bake_page`], [`lightmap::refine_page`] and [`directional::gather`] take it; `None` if it falls on a hidden part of the texel.
+/// A sample of a texel as [`lightmap::bake_page`], [`lightmap::refine_page`] and [`directional::gather`] take it; `None` if it finds no part of the texel in the open.
 /// `directions` is the number of samples that these take in all.
 ///
 /// # Errors

@@ -99,7 +99,7 @@ impl Places {
             let [e, f, ..] = numbers.next4();
             let above: Vec3A = ray.origin + ray.direction * along;
             // Where one body stands in another, faces of the first look into the second.
-            if is_in_wall(kernel, above) {
+            if is_in_wall(kernel, above, along) {
                 continue;
             }
             places.air.push([Vec3::from(above) + world.origin, square_to_cone([e, f], WHOLE).into()]);

@@ -95,8 +95,8 @@ fn file_name(knob: &str) -> String {
     format!("{}.svg", knob.replace(' ', "-").to_lowercase())
 }
 
-/// Settings that are numbers, and the one that is none because it sets no limit: others lie between them. None where words alone are chosen from.
-fn numbers(rows: &[Row]) -> Vec<&Row> {
+/// What a line joins: settings that are numbers, and the usual one after them where it is none because it sets no limit. Nothing where words alone are chosen from.
+fn joined(rows: &[Row]) -> Vec<&Row> {
     let is_number = |r: &&Row| r.setting.parse::<f64>().is_ok();
     let any = rows.iter().any(|r| is_number(&r));
     rows.iter().filter(|r| any && (is_number(r) || r.usual)).collect()
@@ -111,7 +111,7 @@ fn plots(report: &Report) -> Result<BTreeMap<String, String>> {
             .filter(|t| !t.rows.is_empty())
             .map(|t| Curve {
                 name: t.knob.base.0.clone(),
-                line: numbers(&t.rows),
+                line: joined(&t.rows),
                 rows: t.rows.iter().collect(),
             })
             .collect();

@@ -32,7 +32,7 @@ pub struct Place {
     pub position: Vec3A,
     /// A unit normal, where only what comes from its side is asked for.
     pub before: Option<Vec3A>,
-    /// Lamps that are nearer shine as from this distance, metres.
+    /// Lamps that are nearer shine as from this distance, metres; not for [`Finds::Irradiance`].
     pub least: f32,
 }
 
@@ -148,12 +148,11 @@ impl<const AIR: bool> Kernel<'_, AIR> {
         })
     }
 
-    /// A place of a ball around another, which sees it; all of the ball is as likely where nothing is in it.
+    /// A place of a ball around another, which sees it, through glass too; all of the ball is as likely where nothing is in it.
     pub(crate) fn nearby(&self, p: Vec3A, radius: f32, [a, b, c]: [f32; 3], rays: &mut u32) -> Vec3A {
         let direction = square_to_sphere([a, b]);
         *rays += 1;
-        let ray = Ray { origin: p, direction, t_max: radius };
-        let free = self.closest(&ray).map_or(radius, |hit| NEXT_TO * hit.t);
+        let free = self.meets(p, direction).map_or(radius, |met| radius.min(NEXT_TO * met.distance));
         p + direction * (free * c.cbrt())
     }
 

@@ -171,7 +171,7 @@ enum Mode {
 }
 
 impl Job<'_> {
-    /// The highest density on one page; on several where one is too small for so many surfaces.
+    /// The highest density on one page; on several pages where a surface is too large for one whatever the density.
     fn fit(&self, page_size: u32, findings: &mut Vec<Finding>) -> Result<Packed, Error> {
         let members = || self.classes.iter().flat_map(|c| c.members.iter().map(move |m| (c, m)));
         let area: f64 = members().map(|(c, m)| c.area * m.metres * m.metres).sum();
@@ -183,9 +183,12 @@ impl Job<'_> {
             let sources = self.sources(density);
             let limits = vec![1.0; sources.len()];
             let out = match self.generate(&sources, &limits, Mode::Auto(page_size)) {
-                // So many surfaces that the space between them leaves no room for their charts.
-                Err(UvError::ChartTooLarge { .. } | UvError::AtlasTooLarge { .. }) => {
-                    return self.fixed(density, page_size, findings);
+                // The space between the charts of one surface is more than a page already. Alone it may find room, with fewer texels.
+                Err(e @ (UvError::ChartTooLarge { .. } | UvError::AtlasTooLarge { .. })) => {
+                    return self.fixed(density, page_size, findings).map_err(|other| match other {
+                        Error::Usage(_) => refused(&e),
+                        other => other,
+                    });
                 }
                 out => out.map_err(|e| refused(&e))?,
             };
@@ -267,7 +270,7 @@ impl Job<'_> {
         }
         Err(Error::Usage(format!(
             "{density} texels per metre on pages of {max_size} texels is more than can be packed: \
-             lower the density"
+             lower the density or raise --max-size"
         )))
     }
 
@@ -510,7 +513,7 @@ fn refused(e: &UvError) -> Error {
     match e {
         UvError::Cancelled => Error::Interrupted,
         UvError::ChartTooLarge { .. } | UvError::AtlasTooLarge { .. } => Error::Usage(
-            "the surfaces cannot be laid out on pages of this size: raise --max-size or lower the density"
+            "the surfaces cannot be laid out: one of them has more charts than a page has room for; raise --max-size"
                 .to_owned(),
         ),
         e => Error::Usage(format!("the surfaces cannot be laid out: {e}")),

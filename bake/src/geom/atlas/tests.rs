@@ -418,3 +418,21 @@ fn a_single_surface_uses_the_page_itself() {
         assert!(end[0] <= atlas.pages[0].width && end[1] <= atlas.pages[0].height, "{p:?}");
     }
 }
+
+/// Forty-nine tiles of one mesh, whose space between alone is more than a small page.
+#[test]
+fn charts_without_room_on_a_page_ask_for_a_larger_one() {
+    let mut tiles = Mesh { name: "tiles".into(), ..Mesh::default() };
+    for i in 0..49 {
+        let first = 4 * i;
+        let at = Vec3::new(2.0 * (i % 7) as f32, 0.1 * (i % 3) as f32, 2.0 * (i / 7) as f32);
+        tiles.positions.extend([Vec3::ZERO, Vec3::Z, Vec3::new(1.0, 0.0, 1.0), Vec3::X].map(|p| at + p));
+        tiles.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+    }
+    let one = || vec![Affine3A::IDENTITY];
+    let scene = scene(vec![(tiles, one()), (bare(quad(30.0, 30.0)), one())]);
+    let (atlas, _) = run(&scene, &fit(64));
+    assert_eq!(atlas.pages.len(), 1);
+    let error = build(&scene, &fit(32), &|_, _| true).expect_err("too small").to_string();
+    assert!(error.contains("raise --max-size") && !error.contains("per metre"), "{error}");
+}

@@ -15,7 +15,7 @@ use tables::probes::MOST_COEFFICIENTS;
 /// Blocks of samples whose spread states the error.
 const BLOCKS: u32 = 16;
 
-/// Samples, about, that light straight from suns and lamps is part of: it has less noise than paths have.
+/// Samples, about, that light straight from suns and lamps is part of: from a single place it has less noise than paths have.
 const STRAIGHT: u32 = 64;
 
 /// Irradiance over pi to radiance, band by band; irradiance has no third band.
@@ -30,7 +30,7 @@ const OFF: f32 = 0.5;
 /// Places that are tried for that.
 const TRIES: usize = 8;
 
-/// Lamps from which samples keep off, at most: beside more of them one does not stand out.
+/// The nearest lamps, from which samples keep off; beside more of them one does not stand out.
 pub(super) const MOST_LAMPS: usize = 16;
 
 /// How far away they may be, cells: a cell and as far as samples keep off.
@@ -52,21 +52,28 @@ impl Region {
     /// what is a step away. Then it is a place of a ball as wide as the cells that is seen from there and lies off lamps.
     fn start(&self, kernel: &Kernel<'_>, sequence: &mut Sequence, rays: &mut u32) -> Vec3A {
         let mut place = self.place;
-        let off = |p: Vec3A, cells: f32| {
-            let far = cells * self.cell;
-            self.lamps.iter().all(|lamp| far * far <= (*lamp - p).length_squared())
-        };
-        if off(place, BESIDE) {
+        if self.is_single() {
             return place;
         }
         for _ in 0..TRIES {
             let [a, b, c, _] = sequence.next4();
             place = kernel.nearby(self.place, self.cell, [a, b, c], rays);
-            if off(place, OFF) {
+            if self.is_off_lamps(place, OFF) {
                 break;
             }
         }
         place
+    }
+
+    /// Whether all samples start at the place itself.
+    fn is_single(&self) -> bool {
+        self.is_off_lamps(self.place, BESIDE)
+    }
+
+    /// Whether no lamp is within so many cells of a place.
+    fn is_off_lamps(&self, p: Vec3A, cells: f32) -> bool {
+        let far = cells * self.cell;
+        self.lamps.iter().all(|lamp| far * far <= (*lamp - p).length_squared())
     }
 }
 
@@ -97,9 +104,10 @@ pub(super) fn sample(
 ) {
     let per_block = per_block(samples);
     let n = per_block * BLOCKS;
-    // Every so many samples, as many in each block.
+    // Every so many samples, as many in each block; from places of a ball each time.
+    let most = if region.is_single() { per_block } else { 1 };
     let step =
-        (1..=per_block).rev().find(|s| per_block.is_multiple_of(*s) && n / s >= STRAIGHT.min(n)).unwrap_or(1);
+        (1..=most).rev().find(|s| per_block.is_multiple_of(*s) && n / s >= STRAIGHT.min(n)).unwrap_or(1);
     let mut sequence = Sequence::new(key, i);
     let [a, b, _, _] = sequence.next4();
     let straight = (i % step == 0).then_some(step as f32);

@@ -166,8 +166,11 @@ impl Probing {
         let lights = kernel.lights;
         let groups = lights.emitters.groups().iter().filter(|g| g.radius < 0.5 * cell);
         let all = lights.punctual.iter().map(Punctual::position).chain(groups.map(|g| g.centre));
-        let near = all.filter(|p| (*p - place).length_squared() < (FARTHEST * cell).powi(2));
-        Region { place, cell, lamps: near.take(MOST_LAMPS).collect() }
+        let far = |p: &Vec3A| (*p - place).length_squared();
+        let mut lamps: Vec<Vec3A> = all.filter(|p| far(p) < (FARTHEST * cell).powi(2)).collect();
+        lamps.sort_by(|a, b| far(a).total_cmp(&far(b)));
+        lamps.truncate(MOST_LAMPS);
+        Region { place, cell, lamps }
     }
 
     /// What the random numbers of a probe are drawn from, and the numbers of its volume and its own.

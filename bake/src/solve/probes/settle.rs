@@ -71,10 +71,10 @@ fn look(kernel: &Kernel<'_>, p: Vec3A, reach: f32) -> Around {
     around
 }
 
-/// Whether a place, in metres relative to the world's origin, sees so many backs that it is in a wall or inside of a body.
+/// Whether a place, in metres relative to the world's origin, sees so many backs that it is in a wall or inside of a body. `reach`, metres, is about how far surfaces are.
 #[must_use]
-pub fn is_in_wall(kernel: &Kernel<'_>, p: Vec3A) -> bool {
-    look(kernel, p, kernel.world.radius).validity < VALID
+pub fn is_in_wall(kernel: &Kernel<'_>, p: Vec3A, reach: f32) -> bool {
+    look(kernel, p, reach).validity < VALID
 }
 
 /// The place of a probe that the lattice wants at `p`, among cells `reach` metres wide.
