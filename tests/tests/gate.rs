@@ -107,6 +107,40 @@ fn strict_does_not_finish_the_page() {
     assert!(done.stderr.contains("was not finite"), "{done}");
 }
 
+/// What the light grid of media and the irradiance cache leave out is counted and shown again too.
+#[test]
+fn nodes_and_cells_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let hot = closed::Room { candela: 1e38, ..closed::Room::default() };
+    std::fs::write(dir.path().join("scene.glb"), closed::room(hot)).unwrap();
+    std::fs::write(dir.path().join("bake.toml"), "media = [{ sigma_s = 0.2 }]\n").unwrap();
+    let args = ["run", "scene.glb", "-o", "out", "--config", "bake.toml", "--samples", "8"];
+    let args = [&args[..], &["--texels-per-metre", "4", "--probes", "off", "--texture", "none"]].concat();
+    let done = tool::bake(&args, dir.path()).expect(0);
+    for kind in ["node", "cell"] {
+        let shown = again(&printed(&done, kind), dir.path()).expect(2);
+        assert!(
+            shown.stdout.contains(&format!(":{kind}:")) && shown.stdout.contains("finite: no"),
+            "{shown}"
+        );
+    }
+    // The first of the light grid ends it.
+    let done = tool::bake(&[&args[..], &["--strict"]].concat(), dir.path()).expect(2);
+    assert!(
+        done.stderr.contains("light grid node") && done.stderr.contains("--strict was asked for"),
+        "{done}"
+    );
+    for (name, what) in [("0:4000000000:node:0", "light grid"), ("3:0:cell:0", "irradiance cache")] {
+        let none = tool::bake(&[&args[..], &["--replay", name]].concat(), dir.path()).expect(2);
+        assert!(none.stderr.contains(&format!("the {what} has no such path")), "{none}");
+    }
+    std::fs::write(dir.path().join("points.json"), r#"{"points": []}"#).unwrap();
+    let args = ["points", "scene.glb", "points.json", "--config", "bake.toml", "--samples", "16"];
+    let done = tool::bake(&args, dir.path()).expect(0);
+    let shown = again(&printed(&done, "node"), dir.path()).expect(2);
+    assert!(shown.stdout.contains("finite: no"), "{shown}");
+}
+
 /// Probes are replayed as texels are.
 #[test]
 fn probes_are_replayed() {

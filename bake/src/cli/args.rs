@@ -236,8 +236,8 @@ pub(crate) struct RunArgs {
     pub(crate) strict: bool,
     /// Take one sample of this bake alone and print it: what the message about samples that are not numbers asks for
     ///
-    /// KIND is small (suns and lamps), path, direction or probe; PAGE is the volume of probes and TEXEL the probe there. Nothing is
-    /// written. Ends with 0 if the sample is finite, with 2 if not
+    /// KIND is small (suns and lamps), path or direction; or probe, where PAGE is the volume and TEXEL the probe; node of the light grid of
+    /// media, where PAGE is 0; or cell of the irradiance cache, where PAGE is the pass. Nothing is written. Ends with 0 if the sample is finite, with 2 if not
     #[arg(long, value_name = "PAGE:TEXEL:KIND:SAMPLE")]
     pub(crate) replay: Option<Rejected>,
     /// Factor that pictures multiply light by before tone mapping, so that bakes can be looked at side by side;
@@ -319,7 +319,8 @@ pub(crate) struct PointsArgs {
     /// Seed of all random numbers
     #[arg(long, value_name = "N")]
     pub(crate) seed: Option<u64>,
-    /// Take one sample of a point alone and print it: what the message about samples that are not numbers asks for
+    /// Take one sample of a point alone, or of a node of the light grid (0:NODE:node:SAMPLE), and print it: what the message about samples that are not
+    /// numbers asks for
     #[arg(long, value_name = "0:POINT:point:SAMPLE")]
     pub(crate) replay: Option<Rejected>,
     /// Run this kernel for an effect and not the smallest that is right, such as lamps=tree or media=none

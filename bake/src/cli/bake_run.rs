@@ -123,6 +123,14 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
             ));
             return Ok(ExitCode::from(1));
         }
+        let took = timings.stages.iter().map(|s| s.wall_seconds).sum::<f64>();
+        if let Sampling::Budget(seconds) = plan.settings().sampling
+            && LATE * seconds < took
+        {
+            let what = format!("the bake took {} instead of {}", say::duration(took), say::duration(seconds));
+            let fix = "give it more time, or fewer texels: each takes at least 8 paths";
+            say::findings(&[Finding::warning("--time-budget", what, fix)], false);
+        }
         Ok(ExitCode::SUCCESS)
     })
 }
@@ -326,7 +334,9 @@ impl Job<'_> {
         let learnt = learn(self.plan);
         let kernel = learnt.guide(kernel(self.plan));
         self.watch.lap("pilot");
-        let grid = self.stages(&baked.monitor).light_grid(&learnt.guide_texels(kernel))?;
+        let (grid, gate) = self.stages(&baked.monitor).light_grid(&learnt.guide_texels(kernel))?;
+        admit(&gate);
+        baked.gate = baked.gate.merge(gate);
         let kernel = Kernel { grid: grid.as_ref(), ..kernel };
         if let Some(grid) = &grid {
             let light = all_light(&kernel, grid, settings.seed);
@@ -341,7 +351,9 @@ impl Job<'_> {
         baked.sky_clamped = output::sky::write(self.staging, &self.plan.scene().sky)?;
         say_clamped(output::sky::FILE, baked.sky_clamped, "values", "lower the scale of the sky");
         self.watch.lap("media and sky");
-        let cache = self.stages(&baked.monitor).cache(&kernel)?;
+        let (cache, gate) = self.stages(&baked.monitor).cache(&kernel)?;
+        admit(&gate);
+        baked.gate = baked.gate.merge(gate);
         // Whether no light at all reaches a side is a question to paths alone.
         let unbiased = kernel;
         let kernel = Kernel { cache: cache.as_ref(), emitters_apart: true, ..learnt.guide_texels(kernel) };
@@ -632,6 +644,9 @@ fn admit(gate: &Gate) {
 /// What helps against samples that are not finite.
 const EXTREME: &str = "look for lights or transforms with extreme values";
 
+/// A bake that takes so many times its budget says so.
+const LATE: f64 = 1.1;
+
 /// What a time budget keeps for the preview picture, seconds; measured 0.5 to 1 on two cores.
 const PICTURE_SECONDS: f64 = 0.8;
 
@@ -642,9 +657,8 @@ const WRITE_SECONDS: f64 = 1e-6;
 /// covered texel of the hall.
 const DENOISE_SECONDS: [f64; 2] = [3e-5, 1e-4];
 
-/// What a time budget keeps for a place on a seam, seconds; measured 30 microseconds of one processor in a
-/// build with little optimisation.
-const PLACE_SECONDS: f64 = 5e-5;
+/// What a time budget keeps for a place on a seam, seconds; measured 4 to 7 microseconds on two cores.
+const PLACE_SECONDS: f64 = 1e-5;
 
 /// About how long denoising takes for so many covered texels.
 pub(crate) fn denoise_seconds(plan: &Plan, texels: u64) -> f64 {

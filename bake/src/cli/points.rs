@@ -10,7 +10,7 @@ use crate::error::{Error, Finding, Severity};
 use crate::plan::{self, MediaMode, Quality, Tracing};
 use crate::scene::config::RunConfig;
 use crate::solve::Monitor;
-use crate::solve::accumulate::Kind;
+use crate::solve::accumulate::{Gate, Kind};
 use crate::solve::light_grid::Gathering;
 use crate::solve::pilot::Learnt;
 use crate::solve::points::{self, Until};
@@ -69,10 +69,17 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
         None => None,
         Some(air) => {
             let (paths, monitor) = (air.paths(), Monitor::default());
-            let grid = say::watch(style, "light in media", paths, &monitor, interrupt, || {
+            if let Some(at) = args.replay.filter(|at| at.kind == Kind::Node) {
+                return match pool.install(|| air.replay(&kernel, at.texel, at.sample)) {
+                    Some(found) => Ok(replay::print(at, Some(&found), None)),
+                    None => Err(Error::Usage(format!("--replay {at}: the light grid has no such path"))),
+                };
+            }
+            let (grid, gate) = say::watch(style, "light in media", paths, &monitor, interrupt, || {
                 pool.install(|| air.fill(&kernel, &monitor))
             })?;
             input::say_light_grid(&grid);
+            say_rejected(&gate);
             Some(grid)
         }
     };
@@ -95,14 +102,7 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
     let (results, gate) = say::watch(style, "points", total, &monitor, interrupt, || {
         pool.install(|| points::gather(&kernel, &points, until, seed, &monitor))
     })?;
-    if let Some(first) = gate.first {
-        let what = format!(
-            "was not finite or beyond 1e35, as {} samples in all; they count as black",
-            gate.rejected
-        );
-        let finding = replay::rejection(first, &what, "look for lights or transforms with extreme values");
-        say::findings(&[Finding { severity: Severity::Warning, ..finding }], false);
-    }
+    say_rejected(&gate);
     input::say_responses(&tracing);
     let mut missed = 0;
     if let Some(list) = file["points"].as_array_mut() {
@@ -118,6 +118,17 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
         return Ok(ExitCode::from(1));
     }
     Ok(ExitCode::SUCCESS)
+}
+
+fn say_rejected(gate: &Gate) {
+    if let Some(first) = gate.first {
+        let what = format!(
+            "was not finite or beyond 1e35, as {} samples in all; they count as black",
+            gate.rejected
+        );
+        let finding = replay::rejection(first, &what, "look for lights or transforms with extreme values");
+        say::findings(&[Finding { severity: Severity::Warning, ..finding }], false);
+    }
 }
 
 fn until(args: &PointsArgs, quality: Quality) -> Result<Until, Error> {

@@ -5,6 +5,7 @@ use crate::cli::say::{self, Interrupt, Style};
 use crate::error::Error;
 use crate::plan::Plan;
 use crate::plan::settings::Probes;
+use crate::solve::accumulate::Gate;
 use crate::solve::cache::Cells;
 use crate::solve::light_grid::Gathering;
 use crate::solve::pilot::{self, Learnt};
@@ -24,28 +25,33 @@ pub(crate) struct Stages<'a> {
 }
 
 impl Stages<'_> {
-    /// Fills the light grid of media if the plan wants one.
-    pub(crate) fn light_grid(&self, kernel: &Kernel<'_>) -> Result<Option<LightGrid>, Error> {
+    /// The light grid of media before it is filled, if the plan wants one.
+    pub(crate) fn gathering(&self, kernel: &Kernel<'_>) -> Option<Gathering> {
         let settings = self.plan.settings();
-        let fineness = settings.light_grid().filter(|_| kernel.media.is_some());
-        let gathering = fineness.and_then(|f| Gathering::new(kernel, f, settings.seed));
-        let Some(gathering) = gathering else { return Ok(None) };
-        let paths = gathering.paths();
-        let grid = say::watch(self.style, "light in media", paths, self.monitor, self.interrupt, || {
-            gathering.fill(kernel, self.monitor)
-        })?;
-        input::say_light_grid(&grid);
-        Ok(Some(grid))
+        let fineness = settings.light_grid().filter(|_| kernel.media.is_some())?;
+        Gathering::new(kernel, fineness, settings.seed)
     }
 
-    /// Gathers the irradiance cache if the plan wants it.
-    pub(crate) fn cache(&self, kernel: &Kernel<'_>) -> Result<Option<IrradianceCache>, Error> {
+    /// Fills the light grid of media if the plan wants one, and says which samples were not finite.
+    pub(crate) fn light_grid(&self, kernel: &Kernel<'_>) -> Result<(Option<LightGrid>, Gate), Error> {
+        let Some(gathering) = self.gathering(kernel) else { return Ok((None, Gate::default())) };
+        let paths = gathering.paths();
+        let (grid, gate) =
+            say::watch(self.style, "light in media", paths, self.monitor, self.interrupt, || {
+                gathering.fill(kernel, self.monitor)
+            })?;
+        input::say_light_grid(&grid);
+        Ok((Some(grid), gate))
+    }
+
+    /// Gathers the irradiance cache if the plan wants it, and says which samples were not finite.
+    pub(crate) fn cache(&self, kernel: &Kernel<'_>) -> Result<(Option<IrradianceCache>, Gate), Error> {
         if !self.plan.settings().caches() {
-            return Ok(None);
+            return Ok((None, Gate::default()));
         }
         let cells = cells(self.plan, kernel);
         say::watch(self.style, "irradiance cache", cells.paths(), self.monitor, self.interrupt, || {
-            cells.fill(kernel, self.monitor).map(Some)
+            cells.fill(kernel, self.monitor).map(|(cache, gate)| (Some(cache), gate))
         })
     }
 }

@@ -2,7 +2,7 @@
 
 #![expect(clippy::print_stdout, reason = "what the sample brought is the result")]
 
-use crate::cli::prepare::{Stages, effort, kernel, learn, wanted_probes};
+use crate::cli::prepare::{Stages, cells, effort, kernel, learn, wanted_probes};
 use crate::cli::say;
 use crate::error::{Error, Finding};
 use crate::geom::texel::TexelMap;
@@ -24,12 +24,31 @@ pub(crate) fn run(stages: Stages<'_>, at: Rejected) -> Result<ExitCode, Error> {
     let settings = plan.settings();
     let learnt = learn(plan);
     let kernel = learnt.guide(kernel(plan));
-    let grid = stages.light_grid(&learnt.guide_texels(kernel))?;
+    let nothing = |what: String| Err(Error::Usage(format!("--replay {at}: {what}")));
+    if at.kind == Kind::Node {
+        let kernel = learnt.guide_texels(kernel);
+        let found = stages.gathering(&kernel).and_then(|g| g.replay(&kernel, at.texel, at.sample));
+        return match found {
+            Some(found) => Ok(print(at, Some(&found), None)),
+            None => nothing("the light grid has no such path".to_owned()),
+        };
+    }
+    let (grid, _) = stages.light_grid(&learnt.guide_texels(kernel))?;
     let kernel = Kernel { grid: grid.as_ref(), ..kernel };
-    let cache = stages.cache(&kernel)?;
+    if at.kind == Kind::Cell {
+        let cells = settings.caches().then(|| cells(plan, &kernel));
+        let found = match cells {
+            Some(cells) => cells.replay(&kernel, (at.page, at.texel, at.sample), monitor)?,
+            None => None,
+        };
+        return match found {
+            Some(found) => Ok(print(at, Some(&found), None)),
+            None => nothing("the irradiance cache has no such path".to_owned()),
+        };
+    }
+    let (cache, _) = stages.cache(&kernel)?;
     let unbiased = kernel;
     let kernel = Kernel { cache: cache.as_ref(), emitters_apart: true, ..learnt.guide_texels(kernel) };
-    let nothing = |what: String| Err(Error::Usage(format!("--replay {at}: {what}")));
     let found = match at.kind {
         Kind::Point => return nothing("samples of points belong to `bake points`".to_owned()),
         Kind::Probe => {
@@ -77,7 +96,7 @@ pub(crate) fn print(at: Rejected, found: Option<&Replayed>, surface: Option<&str
     if found.normal != Vec3::ZERO {
         println!("normal: {}", vector(found.normal));
     }
-    if matches!(at.kind, Kind::Probe | Kind::Direction) {
+    if matches!(at.kind, Kind::Probe | Kind::Direction | Kind::Node) {
         for (direction, light) in &found.around {
             println!("from {}: {}", vector(*direction), vector(*light));
         }
@@ -107,6 +126,8 @@ pub(crate) fn rejection(first: Rejected, what: &str, fix: &str) -> Finding {
         Kind::Small => (format!("page {page} texel {texel}"), "of suns and lamps"),
         Kind::Path => (format!("page {page} texel {texel}"), "of paths"),
         Kind::Direction => (format!("page {page} texel {texel}"), "of directions"),
+        Kind::Node => (format!("light grid node {texel}"), "of paths"),
+        Kind::Cell => (format!("irradiance cache pass {page} cell {texel}"), "of paths"),
         Kind::Probe => (format!("probes {page} probe {texel}"), "of paths"),
         Kind::Point => (format!("points[{texel}]"), "of paths"),
     };

@@ -137,7 +137,7 @@ impl Cost {
         let few = Fineness { paths: all.paths.min(FEW_FROM_NODES), ..all };
         let Some(gathering) = Gathering::new(kernel, few, settings.seed) else { return Ok((None, 0.0)) };
         let start = Instant::now();
-        let grid = gathering.fill(kernel, &Monitor::default())?;
+        let (grid, _) = gathering.fill(kernel, &Monitor::default())?;
         let seconds = start.elapsed().as_secs_f64();
         Ok((Some(grid), seconds * f64::from(all.paths) / f64::from(few.paths)))
     }
@@ -169,7 +169,7 @@ impl Cost {
         let all = cells.paths() as f64;
         let few = cells.with_samples(1);
         let start = Instant::now();
-        let cache = few.fill(kernel, &Monitor::default())?;
+        let (cache, _) = few.fill(kernel, &Monitor::default())?;
         let seconds = start.elapsed().as_secs_f64();
         Ok((Some(cache), seconds * all / few.paths().max(1) as f64))
     }

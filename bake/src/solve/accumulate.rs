@@ -75,6 +75,10 @@ pub enum Kind {
     Path,
     /// Where the light of a texel comes from.
     Direction,
+    /// What arrives at a node of the light grid of media.
+    Node,
+    /// What arrives at a cell of the irradiance cache.
+    Cell,
     /// What arrives at a light probe.
     Probe,
     /// What arrives at a point.
@@ -83,7 +87,8 @@ pub enum Kind {
 
 impl Kind {
     /// All kinds.
-    pub const ALL: [Self; 5] = [Self::Small, Self::Path, Self::Direction, Self::Probe, Self::Point];
+    pub const ALL: [Self; 7] =
+        [Self::Small, Self::Path, Self::Direction, Self::Node, Self::Cell, Self::Probe, Self::Point];
 
     /// The word for it in [`Rejected`]'s text.
     #[must_use]
@@ -92,6 +97,8 @@ impl Kind {
             Self::Small => "small",
             Self::Path => "path",
             Self::Direction => "direction",
+            Self::Node => "node",
+            Self::Cell => "cell",
             Self::Probe => "probe",
             Self::Point => "point",
         }
@@ -103,9 +110,9 @@ impl Kind {
 /// Its text is `PAGE:TEXEL:KIND:SAMPLE`, such as `0:17:small:3`, and can be parsed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Rejected {
-    /// Page; for probes the volume; 0 for points.
+    /// Page; for probes the volume, for cells the pass; 0 for nodes and points.
     pub page: usize,
-    /// Texel index within the page, or number of the probe or point.
+    /// Texel index within the page, or number of the node, cell, probe or point.
     pub texel: u32,
     /// What it gathers.
     pub kind: Kind,

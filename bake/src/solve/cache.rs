@@ -14,9 +14,11 @@ use crate::sample::warp::{Frame, square_to_cos_hemisphere};
 use crate::sample::{Sequence, sequence};
 use crate::scene::model::Rgb;
 use crate::solve::Monitor;
+use crate::solve::accumulate::{Gate, Kind, Rejected};
+use crate::solve::replay::Replayed;
 use crate::transport::cache::{ABOVE, IrradianceCache, Record};
 use crate::transport::encounter::Onward;
-use crate::transport::{Kernel, Vertex};
+use crate::transport::{Estimate, Kernel, Vertex};
 use glam::{DVec3, Vec3, Vec3A};
 use rayon::prelude::*;
 
@@ -91,12 +93,50 @@ impl Cells {
         self.list().len() as u64 * u64::from(each)
     }
 
-    /// Fills the cells.
+    /// Fills the cells, and says which paths were not finite.
     ///
     /// # Errors
     ///
     /// [`Error::Interrupted`] when the monitor asks to stop.
-    pub fn fill(&self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<IrradianceCache, Error> {
+    pub fn fill(&self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<(IrradianceCache, Gate), Error> {
+        self.fill_by(PASSES.len(), kernel, monitor)
+    }
+
+    /// One path of a cell as a pass of [`Cells::fill`] takes it, which the passes before have to be filled for; `None` where there is none.
+    ///
+    /// # Errors
+    ///
+    /// As [`Cells::fill`].
+    pub fn replay(
+        &self,
+        kernel: &Kernel<'_>,
+        (pass, cell, sample): (usize, u32, u32),
+        monitor: &Monitor,
+    ) -> Result<Option<Replayed>, Error> {
+        let cells = self.list();
+        let Some(points) = cells.get(cell as usize) else { return Ok(None) };
+        if PASSES.get(pass).is_none_or(|part| self.pass(*part) <= sample) {
+            return Ok(None);
+        }
+        let (cache, _) = self.fill_by(pass, kernel, monitor)?;
+        let kernel = Kernel { cache: (0 < pass).then_some(&cache), ..*kernel };
+        let from = vertex(&kernel, &points[sample as usize % points.len()]);
+        let e = path(&kernel, &from, self.key(pass, points), sample);
+        Ok(Some(Replayed::at(kernel.world, from.position, from.geometric_normal).with(e)))
+    }
+
+    /// What the random numbers of a cell are drawn from.
+    fn key(&self, pass: usize, cell: &[Point]) -> u64 {
+        sequence::key(self.seed, DOMAIN + pass as u64, cell[0].cell)
+    }
+
+    /// The first passes of [`Cells::fill`].
+    fn fill_by(
+        &self,
+        passes: usize,
+        kernel: &Kernel<'_>,
+        monitor: &Monitor,
+    ) -> Result<(IrradianceCache, Gate), Error> {
         let cells = self.list();
         let records = self.points.iter().map(|p| Record {
             position: vertex(kernel, p).position.into(),
@@ -106,7 +146,8 @@ impl Cells {
         #[expect(clippy::cast_possible_truncation, reason = "a few points")]
         let sizes = cells.iter().map(|c| (c[0].cell, c.len() as u32, c[0].parted));
         let mut cache = IrradianceCache::new(self.side, sizes, records.collect());
-        for (pass, part) in PASSES.iter().enumerate() {
+        let mut gate = Gate::default();
+        for (pass, part) in PASSES[..passes].iter().enumerate() {
             let n = self.pass(*part);
             let kernel = Kernel { cache: (0 < pass).then_some(&cache), ..*kernel };
             let mut values = vec![Vec3::ZERO; self.points.len()];
@@ -115,16 +156,25 @@ impl Cells {
                 .iter()
                 .map(|cell| (*cell, rest.split_off_mut(..cell.len()).unwrap_or_default()))
                 .collect();
-            work.into_par_iter().for_each(|(cell, values)| {
-                if !monitor.stopped() {
-                    let key = sequence::key(self.seed, DOMAIN + pass as u64, cell[0].cell);
-                    let rays = gather(&kernel, cell, n, key, values);
+            let gates: Vec<Gate> = work
+                .into_par_iter()
+                .enumerate()
+                .map(|(number, (cell, values))| {
+                    if monitor.stopped() {
+                        return Gate::default();
+                    }
+                    #[expect(clippy::cast_possible_truncation, reason = "memory holds fewer cells")]
+                    let at = Rejected { page: pass, texel: number as u32, kind: Kind::Cell, sample: 0 };
+                    let (gate, rays) = gather(&kernel, cell, n, (self.key(pass, cell), at), values);
+                    monitor.report(&gate);
                     monitor.add(u64::from(n), rays);
-                }
-            });
+                    gate
+                })
+                .collect();
+            gate = gates.into_iter().fold(gate, Gate::merge);
             cache.replace(&values);
         }
-        if monitor.stopped() { Err(Error::Interrupted) } else { Ok(cache) }
+        if monitor.stopped() { Err(Error::Interrupted) } else { Ok((cache, gate)) }
     }
 }
 
@@ -241,32 +291,42 @@ fn land(kernel: &Kernel<'_>, from: &Vertex, sequence: &mut Sequence, cell: f32) 
     })
 }
 
-/// For each of the points of a cell the mean over paths from its group; the points share `n` paths. Returns the
-/// number of rays.
-fn gather(kernel: &Kernel<'_>, points: &[Point], n: u32, key: u64, values: &mut [Rgb]) -> u64 {
+/// One path from a point of a cell.
+fn path(kernel: &Kernel<'_>, from: &Vertex, key: u64, sample: u32) -> Estimate {
+    let mut sequence = Sequence::new(key, sample);
+    let [a, b, _, _] = sequence.next4();
+    let mut few = 0;
+    let lamps = kernel.lamps_now_and_then(from, &mut sequence, &mut few);
+    let e = kernel.arriving(from, [a, b], &mut sequence);
+    Estimate { indirect: e.indirect + lamps, rays: e.rays + few, ..e }
+}
+
+/// For each of the points of a cell the mean over paths from its group; the points share `n` paths, of which `at` is the first. Returns what was left out
+/// and the number of rays.
+fn gather(
+    kernel: &Kernel<'_>,
+    points: &[Point],
+    n: u32,
+    (key, at): (u64, Rejected),
+    values: &mut [Rgb],
+) -> (Gate, u64) {
     let vertices: Vec<Vertex> = points.iter().map(|p| vertex(kernel, p)).collect();
     let mut sums = [(DVec3::ZERO, 0.0); POINTS];
-    let mut rays = 0;
+    let (mut gate, mut rays) = (Gate::default(), 0);
     for i in 0..n {
-        let mut sequence = Sequence::new(key, i);
-        let [a, b, _, _] = sequence.next4();
         let k = i as usize % points.len();
-        let mut few = 0;
-        let lamps = kernel.lamps_now_and_then(&vertices[k], &mut sequence, &mut few);
-        let e = kernel.arriving(&vertices[k], [a, b], &mut sequence);
-        rays += u64::from(few) + u64::from(e.rays);
-        let x = e.direct + e.indirect + lamps;
-        if x.is_finite() {
-            let group = &mut sums[usize::from(points[k].group)];
-            group.0 += x.as_dvec3();
-            group.1 += 1.0;
-        }
+        let e = path(kernel, &vertices[k], key, i);
+        rays += u64::from(e.rays);
+        let x = gate.admit(e.direct + e.indirect, Rejected { sample: i, ..at });
+        let group = &mut sums[usize::from(points[k].group)];
+        group.0 += x.as_dvec3();
+        group.1 += 1.0;
     }
     let mean = |(sum, n): (DVec3, f64)| (sum / n.max(1.0)).as_vec3();
     for (value, p) in values.iter_mut().zip(points) {
         *value = mean(sums[usize::from(p.group)]);
     }
-    rays
+    (gate, rays)
 }
 
 fn vertex(kernel: &Kernel<'_>, p: &Point) -> Vertex {

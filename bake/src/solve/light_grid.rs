@@ -34,6 +34,8 @@ use crate::plan::settings::Fineness;
 use crate::sample::{Sequence, sequence};
 use crate::scene::model::Rgb;
 use crate::solve::Monitor;
+use crate::solve::accumulate::{Gate, Kind, Rejected};
+use crate::solve::replay::Replayed;
 use crate::transport::Kernel;
 use crate::transport::airlight::{Link, Links, in_air};
 use crate::transport::lamps::{Patches, Straight};
@@ -72,9 +74,11 @@ pub struct Gathering {
 }
 
 /// What a node found.
+#[derive(Default)]
 struct Found {
     light: [Rgb; COEFFICIENTS],
     links: Vec<Option<Link>>,
+    gate: Gate,
 }
 
 impl Gathering {
@@ -104,12 +108,34 @@ impl Gathering {
         self.grid.len() as u64 * u64::from(self.fineness.paths)
     }
 
-    /// Fills the grid by paths that `kernel` follows from surface to surface.
+    /// One path from a node, as [`Gathering::fill`] takes it; `None` where there is none.
+    #[must_use]
+    pub fn replay(&self, kernel: &Kernel<'_>, node: u32, sample: u32) -> Option<Replayed> {
+        let node = Some(node as usize).filter(|n| *n < self.grid.len())?;
+        let directions = directions(self.fineness.paths);
+        let direction = directions.get(sample as usize)?;
+        let kernel = Kernel { grid: Some(&self.grid), media: Some(self.grid.media()), ..*kernel };
+        let mut out = Replayed::at(kernel.world, self.grid.node(node), Vec3A::ZERO);
+        let path = Path { node, sample, key: self.key(node) };
+        let Replayed { rays, around, .. } = &mut out;
+        let wi = turn(path.key) * *direction;
+        path.follow(&kernel, &self.grid, wi, &mut Links::new(), rays, &mut |wi, light| {
+            around.push((wi.into(), light));
+        });
+        Some(out)
+    }
+
+    /// What the random numbers of a node's paths are drawn from.
+    fn key(&self, node: usize) -> u64 {
+        sequence::key(self.seed, DOMAIN, node as u64)
+    }
+
+    /// Fills the grid by paths that `kernel` follows from surface to surface, and says which were not finite.
     ///
     /// # Errors
     ///
     /// [`Error::Interrupted`] when the monitor asks to stop.
-    pub fn fill(mut self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<LightGrid, Error> {
+    pub fn fill(mut self, kernel: &Kernel<'_>, monitor: &Monitor) -> Result<(LightGrid, Gate), Error> {
         let n = self.fineness.paths;
         let directions = directions(n);
         let suns = kernel.suns_of_air();
@@ -120,10 +146,10 @@ impl Gathering {
             .with_max_len(64)
             .map(|node| {
                 if monitor.stopped() {
-                    return Found { light: [Vec3::ZERO; COEFFICIENTS], links: Vec::new() };
+                    return Found::default();
                 }
-                let key = sequence::key(self.seed, DOMAIN, node as u64);
-                let (found, rays) = look_around(&kernel, &self.grid, node, &directions, key);
+                let (found, rays) = look_around(&kernel, &self.grid, node, &directions, self.key(node));
+                monitor.report(&found.gate);
                 monitor.add(u64::from(n), rays);
                 found
             })
@@ -131,8 +157,8 @@ impl Gathering {
         if monitor.stopped() {
             return Err(Error::Interrupted);
         }
-        let turns: Vec<Quat> =
-            (0..self.grid.len()).map(|node| turn(sequence::key(self.seed, DOMAIN, node as u64))).collect();
+        let gate = found.iter().map(|f| f.gate).fold(Gate::default(), Gate::merge);
+        let turns: Vec<Quat> = (0..self.grid.len()).map(|node| turn(self.key(node))).collect();
         let orders = self.fineness.orders;
         let solved =
             FORWARD.iter().find_map(|&f| Some((solve(&found, media, &turns, &directions, f, orders)?, f)));
@@ -140,7 +166,7 @@ impl Gathering {
         (self.grid.light, self.grid.forward) =
             solved.unwrap_or_else(|| (found.iter().map(|f| f.light).collect(), 0.0));
         self.grid.summarise(&suns);
-        Ok(self.grid)
+        Ok((self.grid, gate))
     }
 }
 
@@ -249,6 +275,40 @@ fn turn(key: u64) -> Quat {
     Quat::from_xyzw(a * s, a * c, b * t, b * d)
 }
 
+/// One path of a node.
+#[derive(Clone, Copy)]
+struct Path {
+    node: usize,
+    sample: u32,
+    key: u64,
+}
+
+impl Path {
+    fn name(&self) -> Rejected {
+        #[expect(clippy::cast_possible_truncation, reason = "memory holds fewer nodes")]
+        let texel = self.node as u32;
+        Rejected { page: 0, texel, kind: Kind::Node, sample: self.sample }
+    }
+
+    /// Follows it in the direction `wi`; `visit` hears of what arrives, nits times steradian.
+    fn follow(
+        &self,
+        kernel: &Kernel<'_>,
+        grid: &LightGrid,
+        wi: Vec3A,
+        links: &mut Links,
+        rays: &mut u32,
+        visit: &mut dyn FnMut(Vec3A, Rgb),
+    ) {
+        let mut sequence = Sequence::hashed(self.key, self.sample);
+        let [a, b, c, _] = sequence.coins(AROUND);
+        let from = in_air(kernel.near_node(grid, self.node, [a, b, c], rays));
+        kernel.lamps_around(&from, &mut sequence, rays, visit);
+        let light = kernel.arrives(&from, wi, Some(links), &mut sequence, rays);
+        visit(wi, light * (4.0 * PI));
+    }
+}
+
 fn look_around(
     kernel: &Kernel<'_>,
     grid: &LightGrid,
@@ -259,25 +319,19 @@ fn look_around(
     let turn = turn(key);
     let channels = kernel.media().map_or(1, Media::channels);
     let links = Vec::with_capacity(channels * directions.len());
-    let mut found = Found { light: [Vec3::ZERO; COEFFICIENTS], links };
+    let mut found = Found { links, ..Found::default() };
     let mut rays = 0;
     let (mut weighs, mut should) = (Vec3::ZERO, Vec3::ZERO);
     for (i, d) in (0..).zip(directions) {
-        let wi = turn * *d;
-        let mut sequence = Sequence::hashed(key, i);
         let mut links = Links::new();
-        let [a, b, c, _] = sequence.coins(AROUND);
-        let from = in_air(kernel.near_node(grid, node, [a, b, c], &mut rays));
-        let mut add = |wi: Vec3A, light: Rgb| {
-            if light.is_finite() {
-                for (sum, y) in found.light.iter_mut().zip(harmonics(wi)) {
-                    *sum += light * (y / directions.len() as f32);
-                }
+        let path = Path { node, sample: i, key };
+        let Found { light: sums, gate, .. } = &mut found;
+        path.follow(kernel, grid, turn * *d, &mut links, &mut rays, &mut |wi, light| {
+            let light = gate.admit(light, path.name());
+            for (sum, y) in sums.iter_mut().zip(harmonics(wi)) {
+                *sum += light * (y / directions.len() as f32);
             }
-        };
-        kernel.lamps_around(&from, &mut sequence, &mut rays, &mut add);
-        let light = kernel.arrives(&from, wi, Some(&mut links), &mut sequence, &mut rays);
-        add(wi, light * (4.0 * PI));
+        });
         let chosen = &links.chosen()[..channels];
         weighs += chosen.iter().flatten().map(|l| l.weight).sum::<Vec3>();
         should += links.expected;
@@ -407,7 +461,11 @@ mod tests {
                         weight: Vec3::splat(weight),
                         g: 0.0,
                     };
-                    Found { light, links: directions.iter().map(|d| Some(link(d))).collect() }
+                    Found {
+                        light,
+                        links: directions.iter().map(|d| Some(link(d))).collect(),
+                        gate: Gate::default(),
+                    }
                 })
                 .collect()
         };

@@ -26,7 +26,7 @@ pub struct Replayed {
     pub direct: Rgb,
     /// Reflected or scattered, `E / pi`, nits.
     pub indirect: Rgb,
-    /// For directions and probes instead of both: unit directions and the light from there times its solid angle.
+    /// For directions, nodes and probes instead of both: unit directions and the light from there times its solid angle.
     pub around: Vec<(Vec3, Rgb)>,
     /// Rays traced.
     pub rays: u32,
@@ -78,7 +78,9 @@ pub fn of_texel(
     let key = match kind {
         Kind::Small | Kind::Path => lightmap::key(kind, page, texel, seed),
         Kind::Direction => directional::key(page, texel, seed),
-        Kind::Probe | Kind::Point => return Err(Error::Usage(format!("{at} is no sample of a texel"))),
+        Kind::Node | Kind::Cell | Kind::Probe | Kind::Point => {
+            return Err(Error::Usage(format!("{at} is no sample of a texel")));
+        }
     };
     let mut sequence = Sequence::new(key, sample);
     let [a, b, c, d] = sequence.next4();

@@ -48,6 +48,9 @@ const NOISE: f64 = 0.5;
 /// Texels of each page from which the mean luminance of all is estimated.
 const LOOKED_AT: usize = 4096;
 
+/// Rounds of more seconds tell how many paths a second takes.
+const LONG: f64 = 0.2;
+
 /// Parts of the remaining time that the rounds of a time budget take.
 const PARTS: [f64; 3] = [0.3, 0.6, 1.0];
 
@@ -215,10 +218,10 @@ impl Task<'_> {
         let mut solution = self.first(FIRST, small(FIRST, self.kernel.has_lamps_in_air()), monitor)?;
         solution.rounds = vec![FIRST as f32];
         let mut sampling = begin.elapsed().as_secs_f64();
+        let mut rate = solution.spent() / sampling.max(1e-6);
         for part in PARTS {
             let left = self.deadline.saturating_duration_since(Instant::now()).as_secs_f64();
             let spent = solution.spent();
-            let rate = spent / sampling.max(1e-6);
             // The audit at the end repeats a part of all that was sampled.
             let again = audit::share(self.map.texels.len());
             let left = ((left - again * sampling) / (1.0 + again)).max(0.0);
@@ -227,8 +230,13 @@ impl Task<'_> {
             #[expect(clippy::cast_possible_truncation, reason = "a number of paths")]
             let mean = (((spent + part * rate * left) / n * 4.0).floor() * 0.25) as f32;
             let start = Instant::now();
-            self.round(Goal::Mean(f64::from(mean)), &mut solution, monitor)?;
-            sampling += start.elapsed().as_secs_f64();
+            let new = self.round(Goal::Mean(f64::from(mean)), &mut solution, monitor)?;
+            let seconds = start.elapsed().as_secs_f64();
+            if LONG < seconds && 0.0 < new {
+                // The first round also looks around from every texel, which no other does.
+                rate = new / seconds;
+            }
+            sampling += seconds;
             solution.rounds.push(mean);
         }
         Ok(solution)
