@@ -229,7 +229,7 @@ fn replays_are_what_the_bake_saw() {
 fn what_cannot_be_replayed_says_so() {
     let dir = folder();
     for (name, what) in [
-        ("0:1:walk:2", "KIND is one of small, path, direction, probe, point"),
+        ("0:1:walk:2", "KIND is one of small, path, direction, node, cell, probe, point"),
         ("7:1:path:2", "there are 1 pages"),
         ("0:4000000:path:2", "has no chart on texel"),
         ("0:1:direction:2", "--directional is not asked for"),
