@@ -530,11 +530,11 @@ fn point(
         // as the seed has it.
         let [first, second] = u.map(|x| u64::from(x.to_bits()));
         let key = sequence::key(first, second, 0);
-        let others = (0..AGAIN).map(|k| {
+        let other = |k| {
             let [x, y, ..] = Sequence::hashed(key, k).next4();
             sampler.sample([x, y])
-        });
-        on = others.into_iter().find(is_open)?;
+        };
+        on = (0..AGAIN).map(other).find(is_open)?;
     }
     receiver(kernel, on.triangle, on.bary, side)
 }
