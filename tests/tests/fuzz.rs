@@ -15,12 +15,13 @@ use bake::sample::sequence::mix64;
 use bake::scene::config::Config;
 use bake::scene::document::Document;
 use bake::scene::gltf::{self, LightUnits, LoadOptions};
+use bake::solve::facing::Facing;
 use bake::solve::lightmap::{self, Effort};
 use bake::solve::probes::{Probing, Wanted, Where};
 use bake::solve::{Monitor, directional};
 use bake::transport::Kernel;
 use serde_json::{Map, Number, Value};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::panic::{self, AssertUnwindSafe};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -347,7 +348,7 @@ fn bake_a_little(plan: &Plan, document: &Document) {
     let map = TexelMap::build(plan.scene(), plan.atlas(), 0);
     let effort = Effort { samples: 2, small: 2, seed: 1, texel_size: plan.atlas().texels_per_metre.recip() };
     let monitor = Monitor::default();
-    let solution = lightmap::bake_page(&kernel, plan.atlas(), &map, 0, effort, &BTreeSet::new(), &monitor)
+    let solution = lightmap::bake_page(&kernel, plan.atlas(), &map, 0, effort, &Facing::default(), &monitor)
         .expect("nobody stops it");
     let mut solution = solution;
     let directions =

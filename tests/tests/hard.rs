@@ -137,3 +137,18 @@ fn same(one: &Baked, many: &Baked) {
         }
     }
 }
+
+/// Whether light reaches the inside of a body is asked for its charts, not for every texel, whose paths would not end in there: 20,000 rays each.
+#[test]
+fn a_white_body_that_no_light_enters_takes_few_rays() {
+    let dir = tool::folder_with(&hard::white_box());
+    let args =
+        ["run", "scene.glb", "-o", "out", "--samples", "8", "--texels-per-metre", "64", "--probes", "off"];
+    let _ = tool::bake(&args, dir.path()).expect(0);
+    let out = dir.path().join("out");
+    let timings: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(out.join("timings.json")).unwrap()).unwrap();
+    let texels: u64 = Baked::read(&out).unwrap().manifest.pages.iter().map(|p| p.covered_texels).sum();
+    let each = timings["rays"].as_f64().unwrap() / texels as f64;
+    assert!(20_000 < texels && 8.0 < each && each < 200.0, "{each} rays for each of {texels} texels");
+}

@@ -21,13 +21,13 @@ use crate::scene::model::Camera;
 use crate::solve::accumulate::Gate;
 use crate::solve::bias::Bias;
 use crate::solve::directional::{self, Direction};
+use crate::solve::facing::facing;
 use crate::solve::light_grid::all_light;
 use crate::solve::lightmap::Solution;
 use crate::solve::pilot::Learnt;
 use crate::solve::probes::{Layout, Probing, Where};
-use crate::solve::{Monitor, facing, schedule};
+use crate::solve::{Monitor, schedule};
 use crate::transport::Kernel;
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -128,7 +128,7 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
             && LATE * seconds < took
         {
             let what = format!("the bake took {} instead of {}", say::duration(took), say::duration(seconds));
-            let fix = "give it more time, or fewer texels: each takes at least 8 paths";
+            let fix = "give it more time, or fewer texels: each takes at least 2 paths";
             say::findings(&[Finding::warning("--time-budget", what, fix)], false);
         }
         Ok(ExitCode::SUCCESS)
@@ -379,10 +379,9 @@ impl Job<'_> {
             let total = settings.paths(map.texels.len() as u64).unwrap_or(0);
             let deadline = self.deadline(number);
             let name = format!("page {} of {}", number + 1, atlas.pages.len());
-            let mut turned = BTreeSet::new();
             let mut solution = say::watch(self.style, &name, total, &baked.monitor, self.interrupt, || {
                 let effort = effort(self.plan, settings.samples, settings.seed);
-                turned = facing::turned_charts(&unbiased, atlas, &map, number, effort, &baked.monitor);
+                let facing = facing(&unbiased, atlas, &map, number, effort, &baked.monitor);
                 self.watch.lap("facing");
                 let task = schedule::Task {
                     kernel: &kernel,
@@ -391,7 +390,7 @@ impl Job<'_> {
                     map: &map,
                     page: number,
                     effort,
-                    turned: &turned,
+                    facing: &facing,
                     luminance,
                     deadline,
                     figure: &|map, solution| {

@@ -7,7 +7,7 @@ use crate::cli::say;
 use crate::error::{Error, Finding};
 use crate::geom::texel::TexelMap;
 use crate::solve::accumulate::{Kind, Rejected};
-use crate::solve::facing;
+use crate::solve::facing::facing;
 use crate::solve::probes::Probing;
 use crate::solve::replay::{self, Replayed};
 use crate::transport::Kernel;
@@ -73,8 +73,8 @@ pub(crate) fn run(stages: Stages<'_>, at: Rejected) -> Result<ExitCode, Error> {
             };
             let map = TexelMap::build(plan.scene(), atlas, at.page);
             let effort = effort(plan, settings.samples, settings.seed);
-            let turned = facing::turned_charts(&unbiased, atlas, &map, at.page, effort, monitor);
-            replay::of_texel(&kernel, atlas, &map, effort, &turned, directions, at)?
+            let facing = facing(&unbiased, atlas, &map, at.page, effort, monitor);
+            replay::of_texel(&kernel, atlas, &map, effort, &facing, directions, at)?
         }
     };
     stages.interrupt.check()?;

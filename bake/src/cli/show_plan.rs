@@ -11,6 +11,7 @@ use crate::error::Error;
 use crate::geom::texel::TexelMap;
 use crate::plan::settings::Fineness;
 use crate::plan::{self, Decision, Effect, Memory, Plan};
+use crate::solve::facing::Facing;
 use crate::solve::light_grid::Gathering;
 use crate::solve::probes::{Probing, Wanted};
 use crate::solve::{Monitor, lightmap};
@@ -18,7 +19,6 @@ use crate::transport::Kernel;
 use crate::transport::cache::IrradianceCache;
 use crate::transport::light_grid::LightGrid;
 use serde_json::{Value, json};
-use std::collections::BTreeSet;
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -90,7 +90,7 @@ impl Cost {
                     &probe,
                     page,
                     effort(plan, PROBED, 1),
-                    &BTreeSet::new(),
+                    &Facing::default(),
                     &monitor,
                 )?;
                 if measured {

@@ -4,7 +4,8 @@
 //! front looks into a cavity and the back is what anybody sees. A texel holds the light of one side,
 //! so a chart is turned as a whole where its back is lit and its front is dark, or where the back is ten
 //! times as bright and the front sees nothing but its own narrow cavity. Rooms built of single sheets are no
-//! cavities: they are wide. Media are left out of the question, so that sheets show the same side whatever becomes of these.
+//! cavities: they are wide. Charts whose back looks into a body that no light enters are told apart as well, so that not
+//! every texel asks again. Media are left out of the question, so that sheets show the same side whatever becomes of these.
 
 use crate::geom::atlas::Atlas;
 use crate::geom::texel::{TexelMap, TexelSample, TexelSampler};
@@ -25,6 +26,12 @@ const DOMAIN: u64 = 0x4643;
 /// Texels of a chart that are asked.
 const ASKED: usize = 32;
 
+/// Texels that are asked before all backs of a chart count as closed in, and paths from each: paths in there are long.
+const ASKED_OF_CLOSED: usize = 256;
+
+/// See [`ASKED_OF_CLOSED`].
+const PATHS_OF_CLOSED: u32 = 2;
+
 /// Rays from each of them that measure how wide the space before it is.
 const LOOKS: u32 = 8;
 
@@ -43,17 +50,42 @@ const BRIGHTER: f64 = 10.0;
 /// Widest cavity, texels.
 const CAVITY: f32 = 24.0;
 
-/// The charts of a page, as [`TexelMap::chart`] counts them, that show their back; not all of them if the
-/// monitor asks to stop.
+/// Which sides of a page's charts count; charts are those of [`TexelMap::chart`].
+#[derive(Clone, Debug, Default)]
+pub struct Facing {
+    /// They show their back.
+    turned: BTreeSet<u32>,
+    /// No light reaches their back: where their front is dark, there is nothing better.
+    closed: BTreeSet<u32>,
+}
+
+impl Facing {
+    /// The side that a chart shows, and whether a dark texel of it may show the other.
+    pub(super) fn of(&self, chart: u32) -> (Side, bool) {
+        let side = if self.turned.contains(&chart) { Side::BackOfDoubleSided } else { Side::Front };
+        (side, side == Side::Front && !self.closed.contains(&chart))
+    }
+}
+
+/// What a chart shows.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Shows {
+    Front,
+    Back,
+    /// Its front, and behind it is a closed body.
+    FrontAlone,
+}
+
+/// Which sides of the charts of a page count; not all are told if the monitor asks to stop.
 #[must_use]
-pub fn turned_charts(
+pub fn facing(
     kernel: &Kernel<'_>,
     atlas: &Atlas,
     map: &TexelMap,
     page: usize,
     effort: Effort,
     monitor: &Monitor,
-) -> BTreeSet<u32> {
+) -> Facing {
     let kernel = &kernel.plain().in_clear_air();
     let mut charts: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
     for i in 0..map.texels.len() {
@@ -62,16 +94,19 @@ pub fn turned_charts(
             charts.entry(map.chart(atlas, triangle)).or_default().push(i);
         }
     }
-    charts
+    let shown: Vec<(u32, Shows)> = charts
         .into_par_iter()
-        .filter(|(_, texels)| !monitor.stopped() && is_turned(kernel, map, texels, page, effort))
-        .map(|(chart, _)| chart)
-        .collect()
+        .filter(|_| !monitor.stopped())
+        .map(|(chart, texels)| (chart, shows(kernel, map, &texels, page, effort)))
+        .collect();
+    let those = |what| shown.iter().filter(|s| s.1 == what).map(|s| s.0).collect();
+    Facing { turned: those(Shows::Back), closed: those(Shows::FrontAlone) }
 }
 
-fn is_turned(kernel: &Kernel<'_>, map: &TexelMap, texels: &[usize], page: usize, effort: Effort) -> bool {
-    let step = texels.len().div_ceil(ASKED);
-    let asked: Vec<usize> = texels.iter().copied().step_by(step).collect();
+fn shows(kernel: &Kernel<'_>, map: &TexelMap, texels: &[usize], page: usize, effort: Effort) -> Shows {
+    let some =
+        |n: usize| -> Vec<usize> { texels.iter().copied().step_by(texels.len().div_ceil(n)).collect() };
+    let asked = some(ASKED);
     let narrow = |side| {
         let (near, all) = ask(map, &asked, page, LOOKS, |_, u, on| {
             let vertex = receiver(kernel, on.triangle, on.bary, side)?;
@@ -81,9 +116,9 @@ fn is_turned(kernel: &Kernel<'_>, map: &TexelMap, texels: &[usize], page: usize,
         0.0 < all && 0.9 * all <= near
     };
     // Part of the paths that find light, and mean luminance.
-    let light = |side| {
+    let light = |asked: &[usize], n, side| {
         let mut lit = 0.0;
-        let (sum, all) = ask(map, &asked, page, PATHS, |sequence, u, on| {
+        let (sum, all) = ask(map, asked, page, n, |sequence, u, on| {
             let vertex = receiver(kernel, on.triangle, on.bary, side)?;
             let e = kernel.estimate(&vertex, u, sequence);
             let l = luminance(e.direct + e.indirect);
@@ -93,13 +128,18 @@ fn is_turned(kernel: &Kernel<'_>, map: &TexelMap, texels: &[usize], page: usize,
         let all = all.max(1.0);
         (lit / all, sum / all)
     };
-    let (front_lit, front) = light(Side::Front);
-    let (back_lit, back) = light(Side::BackOfDoubleSided);
+    let (front_lit, front) = light(&asked, PATHS, Side::Front);
+    let (back_lit, back) = light(&asked, PATHS, Side::BackOfDoubleSided);
+    if back_lit <= 0.0 {
+        let (lit, _) = light(&some(ASKED_OF_CLOSED), PATHS_OF_CLOSED, Side::BackOfDoubleSided);
+        return if lit <= 0.0 { Shows::FrontAlone } else { Shows::Front };
+    }
     if back_lit < LIT || back < BRIGHTER * front {
-        return false;
+        return Shows::Front;
     }
     // A front that is as good as dark shows its back, whatever is around it.
-    front_lit <= DARK || (narrow(Side::Front) && !narrow(Side::BackOfDoubleSided))
+    let turned = front_lit <= DARK || (narrow(Side::Front) && !narrow(Side::BackOfDoubleSided));
+    if turned { Shows::Back } else { Shows::Front }
 }
 
 /// Sum of the answers to questions to a side, and how many were answered.

@@ -8,12 +8,12 @@ use crate::sample::{Sequence, sequence};
 use crate::scene::model::Rgb;
 use crate::solve::accumulate::{Gate, Kind, Rejected, halves, mean_and_error};
 use crate::solve::audit::Audit;
+use crate::solve::facing::Facing;
 use crate::solve::monitor::{ErrorSums, Monitor};
 use crate::solve::visible::{Cells, Side, Validity, Visible, cell_index, receiver};
 use crate::transport::{Estimate, Kernel, Vertex};
 use glam::Vec3;
 use rayon::prelude::*;
-use std::collections::BTreeSet;
 use std::ops::Range;
 
 /// Texels that one task does: enough to make scheduling free, few enough to share the work evenly
@@ -265,8 +265,8 @@ impl Solution {
     }
 }
 
-/// Gathers paths in each covered texel of a page. The charts in `turned` show their backs; see
-/// [`crate::solve::facing`].
+/// Gathers paths in each covered texel of a page. `facing` says which side of a
+/// chart counts.
 ///
 /// # Errors
 ///
@@ -277,7 +277,7 @@ pub fn bake_page(
     map: &TexelMap,
     page: usize,
     Effort { samples, small, seed, texel_size }: Effort,
-    turned: &BTreeSet<u32>,
+    facing: &Facing,
     monitor: &Monitor,
 ) -> Result<Solution, Error> {
     let crack = CRACK * texel_size;
@@ -298,9 +298,9 @@ pub fn bake_page(
                     let index = chunk * CHUNK + k;
                     sampler.set(map, index);
                     let chart = map.chart(atlas, map.triangles_of(index)[0]);
-                    let side = if turned.contains(&chart) { Side::BackOfDoubleSided } else { Side::Front };
+                    let (side, may_turn) = facing.of(chart);
                     let id = Id { page, texel: map.texels[index], seed };
-                    let at = Place { kernel, sampler, id, side, cells: Cells::default(), open: false };
+                    let at = Place { may_turn, ..Place::new(kernel, sampler, id, side) };
                     *out = texel(at, crack, [small, samples], scratch, &mut tally);
                     monitor.report(&tally.gate);
                 }
@@ -375,6 +375,8 @@ struct Place<'a> {
     sampler: &'a TexelSampler,
     id: Id,
     side: Side,
+    /// Whether a texel that is dark on this side may show the other.
+    may_turn: bool,
     cells: Cells,
     open: bool,
 }
@@ -397,7 +399,7 @@ fn settle<'a>(mut at: Place<'a>, crack: f32, tally: &mut Tally) -> (Place<'a>, V
     if dark && at.can_turn() {
         // A sheet that shows its back to the room, as many files have them: where it is double-sided and
         // no light reaches its front, the light of its back is what anybody will see.
-        let mut back = Place { side: Side::BackOfDoubleSided, ..at };
+        let mut back = Place { side: Side::BackOfDoubleSided, may_turn: false, ..at };
         let seen = look_around(&mut back, crack, tally);
         if !is_dark(&back, tally) {
             (visible, at, dark) = (seen, back, false);
@@ -420,17 +422,23 @@ fn look_around(at: &mut Place<'_>, crack: f32, tally: &mut Tally) -> Visible {
     visible
 }
 
-/// Whether none of [`DARK`] paths finds light. They are the same whatever the seed and the number of samples, so that
+/// Whether none of [`DARK`] paths finds light, or of as many as [`DARK_RAYS`] are enough for: where nothing is absorbed, one path looks
+/// around as much as fifty elsewhere. They are the same whatever the seed and the number of samples, so that
 /// these do not decide which side of a surface counts; where there is light, the first of them mostly finds it.
 fn is_dark(at: &Place<'_>, tally: &mut Tally) -> bool {
     // Nor does what becomes of media.
     let kernel = at.kernel.plain().in_clear_air();
     let key = sequence::key(0, DARKNESS + at.id.page as u64, u64::from(at.id.texel));
+    let mut rays = 0;
     (0..DARK).all(|i| {
+        if DARK_RAYS < rays {
+            return true;
+        }
         let mut sequence = Sequence::new(key, i);
         let [a, b, c, d] = sequence.next4();
         let Some(vertex) = at.vertex([a, b]) else { return true };
         let e = kernel.estimate(&vertex, [c, d], &mut sequence);
+        rays += e.rays;
         tally.looks += u64::from(e.rays);
         e.direct + e.indirect == Vec3::ZERO
     })
@@ -438,6 +446,9 @@ fn is_dark(at: &Place<'_>, tally: &mut Tally) -> bool {
 
 /// Paths that have to bring nothing before a texel counts as dark.
 const DARK: u32 = 64;
+
+/// See [`is_dark`].
+const DARK_RAYS: u32 = 512;
 
 /// The light of a texel from so many samples of suns and lamps and so many paths.
 fn all(at: &Place<'_>, [small, paths]: [u32; 2], scratch: &mut Vec<Sample>, tally: &mut Tally) -> Texel {
@@ -471,7 +482,16 @@ fn add(at: &Place<'_>, kind: Kind, n: u32, texel: &mut Texel, scratch: &mut Vec<
     }
 }
 
-impl Place<'_> {
+impl<'a> Place<'a> {
+    fn new(kernel: &'a Kernel<'a>, sampler: &'a TexelSampler, id: Id, side: Side) -> Self {
+        Self { kernel, sampler, id, side, may_turn: false, cells: Cells::default(), open: false }
+    }
+
+    /// What is known of a texel that was begun.
+    fn again(kernel: &'a Kernel<'a>, sampler: &'a TexelSampler, id: Id, known: &Texel) -> Self {
+        Self { cells: known.cells, open: known.open, ..Self::new(kernel, sampler, id, known.side) }
+    }
+
     /// The point of the texel that `u` chooses, in the open; `None` where none is found or where it has no area.
     fn vertex(&self, u: [f32; 2]) -> Option<Vertex> {
         point(self.kernel, self.sampler, (self.cells, self.side), u)
@@ -480,7 +500,7 @@ impl Place<'_> {
     /// Whether the texel may show its back instead of its front.
     fn can_turn(&self) -> bool {
         let on = self.sampler.sample([0.5; 2]);
-        self.side == Side::Front && self.kernel.world.material(self.kernel.scene, on.triangle).double_sided
+        self.may_turn && self.kernel.world.material(self.kernel.scene, on.triangle).double_sided
     }
 
     /// Samples of the given numbers; those that find no part of the texel in the open are left out.
@@ -557,12 +577,11 @@ pub(super) fn begun(
     kernel: &Kernel<'_>,
     sampler: &TexelSampler,
     (page, texel): (usize, u32),
-    turned: bool,
+    (side, may_turn): (Side, bool),
     texel_size: f32,
 ) -> Texel {
-    let side = if turned { Side::BackOfDoubleSided } else { Side::Front };
     let id = Id { page, texel, seed: 0 };
-    let at = Place { kernel, sampler, id, side, cells: Cells::default(), open: false };
+    let at = Place { may_turn, ..Place::new(kernel, sampler, id, side) };
     let (at, validity) = settle(at, CRACK * texel_size, &mut Tally::default());
     Texel { validity, cells: at.cells, side: at.side, open: at.open, ..Texel::default() }
 }
@@ -576,7 +595,7 @@ pub(super) fn sample_of(
     (kind, sample): (Kind, u32),
 ) -> Option<(Vertex, Estimate)> {
     let id = Id { page, texel, seed };
-    let at = Place { kernel, sampler, id, side: begun.side, cells: begun.cells, open: begun.open };
+    let at = Place::again(kernel, sampler, id, begun);
     at.sample(kind, &mut Sequence::new(key(kind, page, texel, seed), sample))
 }
 
@@ -601,7 +620,7 @@ pub(super) fn with_samples(
     samples: [u32; 2],
 ) -> (Texel, u64) {
     let id = Id { page, texel, seed: sequence::mix64(seed ^ AUDIT) };
-    let at = Place { kernel, sampler, id, side: known.side, cells: known.cells, open: known.open };
+    let at = Place::again(kernel, sampler, id, known);
     let mut tally = Tally::default();
     let again = all(&at, samples, &mut Vec::new(), &mut tally);
     (again, tally.rays())
@@ -649,7 +668,7 @@ pub fn refine_page(
                     let index = chunk * CHUNK + k;
                     sampler.set(map, index);
                     let id = Id { page, texel: map.texels[index], seed };
-                    let at = Place { kernel, sampler, id, side: t.side, cells: t.cells, open: t.open };
+                    let at = Place::again(kernel, sampler, id, t);
                     add(&at, Kind::Small, more.small, t, scratch, &mut tally);
                     add(&at, Kind::Path, more.paths, t, scratch, &mut tally);
                     monitor.report(&tally.gate);

@@ -7,11 +7,11 @@ use crate::geom::texel::{TexelMap, TexelSampler};
 use crate::sample::Sequence;
 use crate::scene::model::Rgb;
 use crate::solve::accumulate::{Kind, Rejected, is_admissible};
+use crate::solve::facing::Facing;
 use crate::solve::lightmap::{self, Effort};
 use crate::solve::{directional, lightmap::vertex_of};
 use crate::transport::{Estimate, Kernel};
 use glam::{Vec3, Vec3A};
-use std::collections::BTreeSet;
 
 /// A sample, where it starts and what it brought, before any gate.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -64,7 +64,7 @@ pub fn of_texel(
     atlas: &Atlas,
     map: &TexelMap,
     Effort { seed, texel_size, .. }: Effort,
-    turned: &BTreeSet<u32>,
+    facing: &Facing,
     directions: u32,
     at: Rejected,
 ) -> Result<Option<Replayed>, Error> {
@@ -73,8 +73,8 @@ pub fn of_texel(
         return Err(Error::Usage(format!("{at}: page {page} has no chart on texel {texel}")));
     };
     let sampler = TexelSampler::new(map, index);
-    let turned = turned.contains(&map.chart(atlas, map.triangles_of(index)[0]));
-    let begun = lightmap::begun(kernel, &sampler, (page, texel), turned, texel_size);
+    let sides = facing.of(map.chart(atlas, map.triangles_of(index)[0]));
+    let begun = lightmap::begun(kernel, &sampler, (page, texel), sides, texel_size);
     let key = match kind {
         Kind::Small | Kind::Path => lightmap::key(kind, page, texel, seed),
         Kind::Direction => directional::key(page, texel, seed),

@@ -6,14 +6,23 @@ use crate::geom::texel::TexelMap;
 use crate::plan::settings::Sampling;
 use crate::solve::adaptive::{self, Goal};
 use crate::solve::audit;
+use crate::solve::facing::Facing;
 use crate::solve::lightmap::{self, Effort, Solution};
 use crate::solve::monitor::{ErrorSums, Monitor};
 use crate::transport::Kernel;
-use std::collections::BTreeSet;
 use std::time::Instant;
 
-/// Fewest paths in the first round, from which variances are first known.
+/// Paths in the first round, from which variances are first known.
 const FIRST: u32 = 8;
+
+/// Fewest, where a time budget has no room for more: a single path has no variance.
+const FEWEST: u32 = 2;
+
+/// Texels that tell how long a first round will take; pages of fewer than eight times as many are not asked.
+const TRIAL: usize = 1024;
+
+/// Part of the remaining time that a first round may take.
+const FIRST_PART: f64 = 0.8;
 
 /// Fewest samples of suns and lamps in the first round where lamps light the air as well.
 const FIRST_IN_AIR: u32 = 4;
@@ -69,8 +78,8 @@ pub struct Task<'a> {
     pub page: usize,
     /// Seed and texel size; the number of samples is the schedule's.
     pub effort: Effort,
-    /// Charts that show their back.
-    pub turned: &'a BTreeSet<u32>,
+    /// Which sides of charts count.
+    pub facing: &'a Facing,
     /// Mean luminance of all pages, nits, where there are several.
     pub luminance: Option<f64>,
     /// When sampling has to end, for [`Sampling::Budget`].
@@ -93,8 +102,7 @@ impl Task<'_> {
             Sampling::Mean(n) => {
                 let n = *n as f32;
                 // Half of the paths are spread evenly: the error figure weighs nits, eyes weigh ratios.
-
-                self.rounds(&[0.5 * n, 0.75 * n, n], monitor)
+                self.rounds(&[(0.5 * n).max(FIRST as f32), 0.75 * n, n], monitor)
             }
             Sampling::Rounds(pages) => {
                 let list = pages.get(self.page).or(pages.last());
@@ -130,7 +138,7 @@ impl Task<'_> {
         let effort = Effort { samples, small, ..self.effort };
         let (atlas, map) = (self.atlas, self.map);
         let mut solution =
-            lightmap::bake_page(self.kernel, atlas, map, self.page, effort, self.turned, monitor)?;
+            lightmap::bake_page(self.kernel, atlas, map, self.page, effort, self.facing, monitor)?;
         solution.curve.push((solution.spent(), adaptive::own_error(&solution)));
         Ok(solution)
     }
@@ -138,7 +146,7 @@ impl Task<'_> {
     fn rounds(&self, means: &[f32], monitor: &Monitor) -> Result<Solution, Error> {
         let n = self.map.texels.len() as f64;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "paths are few")]
-        let first = (means.first().copied().unwrap_or(0.0).round() as u32).max(FIRST);
+        let first = (means.first().copied().unwrap_or(0.0).round() as u32).max(FEWEST);
         let last = f64::from(means.last().copied().unwrap_or(0.0)).max(f64::from(first));
         expect(monitor, last * n);
         let mut solution = self.first(first, small(first, self.kernel.has_lamps_in_air()), monitor)?;
@@ -212,11 +220,34 @@ impl Task<'_> {
         Ok(solution)
     }
 
+    /// Paths of a first round that leaves something of the time: [`FIRST`] or fewer.
+    fn affordable(&self, monitor: &Monitor) -> Result<u32, Error> {
+        let n = self.map.texels.len();
+        if n < 8 * TRIAL {
+            return Ok(FIRST);
+        }
+        let few = Task { map: &self.map.thinned(TRIAL), ..*self };
+        let seconds = |paths| {
+            let begin = Instant::now();
+            few.first(paths, small(paths, self.kernel.has_lamps_in_air()), monitor)?;
+            Ok::<f64, Error>(begin.elapsed().as_secs_f64() * n as f64 / few.map.texels.len() as f64)
+        };
+        // The first to touch the scene waits for memory.
+        seconds(FEWEST)?;
+        let (least, most) = (seconds(FEWEST)?, seconds(FIRST)?);
+        let left = self.deadline.saturating_duration_since(Instant::now()).as_secs_f64();
+        let room = (FIRST_PART * left - least) / (most - least).max(1e-9);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and 6")]
+        let more = (room.clamp(0.0, 1.0) * f64::from(FIRST - FEWEST)) as u32;
+        Ok(FEWEST + more)
+    }
+
     fn budget(&self, monitor: &Monitor) -> Result<Solution, Error> {
         let n = self.map.texels.len().max(1) as f64;
+        let first = self.affordable(monitor)?;
         let begin = Instant::now();
-        let mut solution = self.first(FIRST, small(FIRST, self.kernel.has_lamps_in_air()), monitor)?;
-        solution.rounds = vec![FIRST as f32];
+        let mut solution = self.first(first, small(first, self.kernel.has_lamps_in_air()), monitor)?;
+        solution.rounds = vec![first as f32];
         let mut sampling = begin.elapsed().as_secs_f64();
         let mut rate = solution.spent() / sampling.max(1e-6);
         for part in PARTS {
@@ -229,6 +260,7 @@ impl Task<'_> {
             // Quarters of a path keep the number short in the manifest, from which it can be replayed.
             #[expect(clippy::cast_possible_truncation, reason = "a number of paths")]
             let mean = (((spent + part * rate * left) / n * 4.0).floor() * 0.25) as f32;
+            let mean = mean.max(solution.rounds.last().copied().unwrap_or(0.0));
             let start = Instant::now();
             let new = self.round(Goal::Mean(f64::from(mean)), &mut solution, monitor)?;
             let seconds = start.elapsed().as_secs_f64();
@@ -263,7 +295,7 @@ pub fn mean_luminance(
     for page in 0..atlas.pages.len() {
         let map = TexelMap::build(kernel.scene, atlas, page);
         let few = map.thinned(LOOKED_AT);
-        let solution = lightmap::bake_page(kernel, atlas, &few, page, effort, &BTreeSet::new(), monitor)?;
+        let solution = lightmap::bake_page(kernel, atlas, &few, page, effort, &Facing::default(), monitor)?;
         let weight = map.texels.len() as f64;
         sum += adaptive::error(&solution).1 * weight;
         n += weight;

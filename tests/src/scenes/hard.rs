@@ -93,3 +93,18 @@ pub fn sized(size: f32, offset: Vec3) -> Vec<u8> {
     glb.scene_extra("sky", json!([1, 1, 1]));
     glb.finish()
 }
+
+/// A double-sided box of 1 m that reflects everything, in nothing but the light of a lamp above it: four of its sides and its bottom
+/// are dark, and inside it no path ends by itself.
+#[must_use]
+pub fn white_box() -> Vec<u8> {
+    let mut glb = Glb::new();
+    let white = glb.material(&Material::matte("white", [1.0; 3]).double_sided());
+    let mut s = Shape::default();
+    s.cuboid([-0.5; 3], [0.5; 3], ALL);
+    let mesh = glb.mesh("box", &[(&s, white)]);
+    glb.node(Node::new("box").mesh(mesh));
+    let lamp = glb.light("lamp", Kind::Point, [1.0; 3], 10.0);
+    glb.node(Node { light: Some(lamp), ..Node::new("lamp").at([0.0, 2.0, 0.0]) });
+    glb.finish()
+}
