@@ -4,6 +4,7 @@
 //! of voxels; where they overlap, coefficients add. Lengths are metres relative to [`crate::geom::World::origin`], coefficients per metre.
 
 pub mod boundary;
+mod emission;
 pub mod march;
 mod responses;
 
@@ -11,6 +12,7 @@ use crate::error::Finding;
 use crate::scene::model::{Density, Medium, Region, Rgb, Scene, Shell};
 use crate::scene::voxels::Voxels;
 use boundary::Boundary;
+use emission::Emission;
 use glam::{Affine3A, Vec3, Vec3A};
 use march::March;
 pub use responses::{MOST_G, Responses};
@@ -25,6 +27,8 @@ pub struct Media {
     /// Whether they are what [`Media::smoothed`] makes of them.
     smooth: bool,
     small: Small,
+    emission: Option<Arc<Emission>>,
+    undimmed: Option<Arc<Self>>,
 }
 
 /// Which of the small kernels run for media; [`Small::default`] runs the general ones, which give the same for any media.
@@ -45,6 +49,7 @@ pub struct Small {
 struct Body {
     sigma_s: Rgb,
     sigma_a: Rgb,
+    emission: Rgb,
     g: f32,
     density: Density,
     shape: Shape,
@@ -128,17 +133,15 @@ impl Crossing {
 }
 
 impl Media {
-    /// The media of a scene whose world has its origin at `origin`; `None` if nothing is scattered or absorbed.
+    /// The media of a scene whose world has its origin at `origin`; `None` if nothing is scattered, absorbed or emitted.
     #[must_use]
     pub fn new(scene: &Scene, origin: Vec3) -> Option<Self> {
-        let bodies: Vec<Body> = scene
-            .media
-            .iter()
-            .filter(|m| m.sigma_s + m.sigma_a != Vec3::ZERO)
-            .map(|m| Body::new(m, origin))
-            .collect();
-        let mut media = Self { bodies, smooth: false, small: Small::default() };
+        let bodies: Vec<Body> =
+            scene.media.iter().filter(|m| m.acts()).map(|m| Body::new(m, origin)).collect();
+        let emission = Emission::new(&bodies).map(Arc::new);
+        let mut media = Self { bodies, emission, ..Self::default() };
         media.small = media.smallest();
+        media.undimmed = media.without_loss().map(Arc::new);
         (!media.is_empty()).then_some(media)
     }
 
@@ -187,7 +190,7 @@ impl Media {
             let g = if 0.0 < b.g { (b.g - peak) / (1.0 - peak) } else { b.g };
             Body { sigma_s: b.sigma_s * (1.0 - peak), g, ..b.clone() }
         });
-        Self { bodies: bodies.collect(), smooth: true, small: self.small }
+        Self { bodies: bodies.collect(), smooth: true, ..self.clone() }
     }
 
     /// Bands 1 and 2 of the phase function with the mean cosine `g`.
@@ -486,7 +489,8 @@ impl Body {
                 Density::Voxels { values: Arc::clone(values), voxels_from_world: moved(*voxels_from_world) }
             }
         };
-        Self { sigma_s: medium.sigma_s, sigma_a: medium.sigma_a, g: medium.g, density, shape }
+        let Medium { sigma_s, sigma_a, emission, g, .. } = *medium;
+        Self { sigma_s, sigma_a, emission, g, density, shape }
     }
 
     /// Lower and upper corner; `None` without end.

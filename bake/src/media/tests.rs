@@ -6,6 +6,7 @@ fn body(sigma_s: f32, sigma_a: f32, g: f32, region: Region) -> Medium {
         path: String::new(),
         sigma_s: Vec3::splat(sigma_s),
         sigma_a: Vec3::splat(sigma_a),
+        emission: Vec3::ZERO,
         density: Density::Constant,
         g,
         region,

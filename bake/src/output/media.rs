@@ -45,7 +45,7 @@ pub fn write(plan: &Plan, staging: &Staging) -> Result<Vec<manifest::Medium>> {
         return Ok(Vec::new());
     }
     let mut list = Vec::new();
-    for medium in plan.scene().media.iter().filter(|m| m.sigma_s + m.sigma_a != Vec3::ZERO) {
+    for medium in plan.scene().media.iter().filter(|m| m.dims()) {
         list.extend(describe(medium, list.len(), staging)?);
     }
     Ok(list)
@@ -348,6 +348,7 @@ mod tests {
             path: String::new(),
             sigma_s: Vec3::splat(1e7),
             sigma_a: Vec3::ZERO,
+            emission: Vec3::ZERO,
             density: Density::Constant,
             g: 0.0,
             region: Region::Everywhere,
@@ -365,7 +366,15 @@ mod tests {
     use std::sync::Arc;
 
     fn medium(region: Region, density: Density) -> Medium {
-        Medium { path: "fog".into(), sigma_s: Vec3::ONE, sigma_a: Vec3::splat(0.5), density, g: 0.25, region }
+        Medium {
+            path: "fog".into(),
+            sigma_s: Vec3::ONE,
+            sigma_a: Vec3::splat(0.5),
+            emission: Vec3::ZERO,
+            density,
+            g: 0.25,
+            region,
+        }
     }
 
     /// A grid of densities, of which many are 0.

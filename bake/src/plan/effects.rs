@@ -5,7 +5,7 @@ use crate::light::{Direct, Selection};
 use crate::plan::Tracing;
 use crate::plan::kernels::{Choice, Effect};
 use crate::plan::settings::{Denoise, MediaMode, Settings};
-use crate::scene::model::{AlphaMode, LightMode, LightmapMode, Scene};
+use crate::scene::model::{AlphaMode, LightMode, LightmapMode, Rgb, Scene};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -98,6 +98,7 @@ pub fn list(scene: &Scene, tracing: &Tracing, settings: &Settings) -> Vec<Decisi
     let dynamic = scene.lights.iter().filter(|l| l.mode == LightMode::Dynamic).count();
     let mixed = scene.lights.iter().filter(|l| l.mode == LightMode::Mixed).count();
     let emitters = lights.emitters.len();
+    let glowing = scene.media.iter().filter(|m| m.emission != Rgb::ZERO).count();
     let off = scene.surfaces.iter().filter(|s| s.lightmap != LightmapMode::On).count();
     let masked = used(&|m| matches!(m.alpha_mode, AlphaMode::Mask(_)));
     let see_through = used(&|m| m.alpha_mode == AlphaMode::Blend || 0.0 < m.transmission);
@@ -257,6 +258,18 @@ pub fn list(scene: &Scene, tracing: &Tracing, settings: &Settings) -> Vec<Decisi
                     )
                 }
                 (n, MediaMode::Reference) => format!("{n}, scattering paths"),
+            },
+        ),
+        plain(
+            "emission of media",
+            0 < glowing && settings.media != MediaMode::Off,
+            match (glowing, settings.media) {
+                (0, _) => "no medium emits".to_owned(),
+                (n, MediaMode::Off) => format!("{n} of the media emit, ignored as they are"),
+                (n, MediaMode::Table) => {
+                    format!("{n} of the media emit; what media scatter of that is not simulated by `table`")
+                }
+                (n, _) => format!("{n} of the media emit: found by directions and by places chosen for it"),
             },
         ),
         told(Effect::MediaColour, "colour of media"),

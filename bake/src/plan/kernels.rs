@@ -346,7 +346,7 @@ impl Kernels {
         force: &Force,
     ) -> Result<Self, Error> {
         let media: &[Medium] = if mode == MediaMode::Off { &[] } else { &scene.media };
-        let acting: Vec<&Medium> = media.iter().filter(|m| m.sigma_s + m.sigma_a != Vec3::ZERO).collect();
+        let acting: Vec<&Medium> = media.iter().filter(|m| m.acts()).collect();
         let needs = Effect::ALL.into_iter().filter(|e| !e.is_stage()).map(|effect| {
             let need = need(effect, scene, lights, (&acting, direct));
             (effect, need)
@@ -527,8 +527,8 @@ fn need_of_media(effect: Effect, media: &[&Medium]) -> (usize, String) {
                     .filter(|a| a.is_finite())
                     .collect::<Vec<_>>()
             };
-            let one = albedos(first)[0];
-            let other = find(&|m| albedos(m).iter().any(|a| *a != one));
+            let one = media.iter().flat_map(|m| albedos(m)).next();
+            let other = find(&|m| albedos(m).iter().any(|a| Some(*a) != one));
             found(other, "has another albedo", "there is one albedo")
         }
         Effect::Density if 1 < media.len() => (1, format!("{} is a second medium", media[1].path)),

@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use super::document::InputFile;
 use super::findings::Findings;
+use super::media_words::Unplaced;
 use super::model::{Density, Medium, Region};
 use super::read::Table;
 use super::voxels::{Unusable, Voxels, ktx, noise::Noise, raw, vdb};
@@ -171,21 +172,75 @@ fn keep<T>(result: Result<T, Unusable>, path: &str, out: &mut Findings) -> Optio
     result.map_err(|e| out.push(Finding::error(path, e.what, e.fix))).ok()
 }
 
-/// Puts a density into the region of `medium`, whose box is `world_from_unit` where it has one. A file's own place is in a space
-/// that `world_from_space` leads out of; without a region the medium is where its grid is.
+/// Where the densities of a medium go.
+#[derive(Clone, Copy)]
+pub(super) struct Place {
+    /// Leads out of the space that a file's own place is in.
+    pub(super) world_from_space: Affine3A,
+    /// The medium's box where it has one.
+    pub(super) world_from_unit: Option<Affine3A>,
+}
+
+/// Puts the densities of a medium and of what it emits into its region; without a region both are where their grids are.
 pub(super) fn settle(
-    medium: Medium,
+    Unplaced { medium, source, path, glows }: Unplaced,
+    place: Place,
+    out: &mut Findings,
+) -> Vec<Medium> {
+    let within_mesh = matches!(medium.region, Region::Mesh(_));
+    let settled = |medium: Medium, source, path: &str, out: &mut Findings| {
+        let (density, unit_from_world) = placed(source, within_mesh, place, path, out)?;
+        let region = match (medium.region, unit_from_world) {
+            (Region::Everywhere, Some(unit_from_world)) => Region::Turned { unit_from_world },
+            (region, _) => region,
+        };
+        let medium = Medium { density, region, ..medium };
+        let endless = medium.region == Region::Everywhere;
+        let clear = (medium.sigma_s + medium.sigma_a).cmpeq(Vec3::ZERO);
+        if endless && (clear & medium.emission.cmpgt(Vec3::ZERO)).any() {
+            let what = "the medium emits without end, and nothing dims it";
+            out.push(Finding::error(
+                path,
+                what,
+                "give the medium a `box`, or sigma_a in the channels that it emits",
+            ));
+            return None;
+        }
+        Some(medium)
+    };
+    let mut parts = Vec::new();
+    for (i, glow) in glows.into_iter().enumerate() {
+        let Some(source) = glow.source else { continue };
+        let part = Medium {
+            path: format!("{} emission {}", medium.path, i + 1),
+            sigma_s: Vec3::ZERO,
+            sigma_a: Vec3::ZERO,
+            emission: glow.color,
+            g: 0.0,
+            density: Density::Constant,
+            region: medium.region.clone(),
+        };
+        parts.extend(settled(part, source, &glow.path, out));
+    }
+    // What has nothing but grids that emit is these.
+    let own = if medium.acts() || parts.is_empty() { settled(medium, source, &path, out) } else { None };
+    own.into_iter().chain(parts).collect()
+}
+
+/// A density in its place, and where this leads into the unit cube that a grid fills. A file's own place counts where the medium is in
+/// a mesh, or has no box.
+fn placed(
     source: Source,
-    world_from_space: Affine3A,
-    world_from_unit: Option<Affine3A>,
+    within_mesh: bool,
+    Place { world_from_space, world_from_unit }: Place,
     path: &str,
     out: &mut Findings,
-) -> Option<Medium> {
+) -> Option<(Density, Option<Affine3A>)> {
     let homeless = |what: &str, out: &mut Findings| {
         out.push(Finding::error(path, what, "give the medium a `box`, or the node a mesh"));
     };
     let (values, world_from_voxels) = match source {
-        Source::Known(density) => return Some(Medium { density, ..medium }),
+        Source::Known(density) => return Some((density, None)),
         Source::Noise(noise) => {
             let Some(unit) = world_from_unit else {
                 homeless("noise needs a place to be in", out);
@@ -196,7 +251,6 @@ pub(super) fn settle(
             (values, place)
         }
         Source::Grid(values) => {
-            let within_mesh = matches!(medium.region, Region::Mesh(_));
             let place = match (values.place(), world_from_unit) {
                 (Some(place), unit) if within_mesh || unit.is_none() => world_from_space * place,
                 (_, Some(unit)) => unit * per_voxel(&values),
@@ -215,12 +269,8 @@ pub(super) fn settle(
         out.push(Finding::error(path, "the grid has no volume where it is", "remove scales of 0"));
         return None;
     }
-    let region = match medium.region {
-        Region::Everywhere => Region::Turned { unit_from_world },
-        region => region,
-    };
     let density = Density::Voxels { values: Arc::new(values), voxels_from_world };
-    Some(Medium { density, region, ..medium })
+    Some((density, Some(unit_from_world)))
 }
 
 /// The unit cube from the space of voxels.

@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use super::{
     config::{Config, NodeWords, SceneWords},
-    density::{Files, Source, settle},
+    density::{Files, Place, Source, settle},
     document::Document,
     findings::Findings,
     gltf_material, gltf_mesh,
@@ -119,7 +119,7 @@ fn ensure_light(scene: &mut Scene, wished: Option<Sky>, out: &mut Findings) {
         let m = &scene.materials[s.material];
         0.0 < m.emission.max_element() && !m.unlit
     };
-    let emission = scene.surfaces.iter().any(glows);
+    let emission = scene.surfaces.iter().any(glows) || scene.media.iter().any(|m| m.emission != Vec3::ZERO);
     match wished {
         Some(sky) => scene.sky = sky,
         None if lamps || emission => {}
@@ -145,11 +145,7 @@ fn check_media(scene: &Scene, out: &mut Findings) {
         let what = format!("{} media, and {MOST_MEDIA} are possible", scene.media.len());
         out.push(Finding::error("media", what, "merge media"));
     }
-    let endless = |m: &&Medium| {
-        m.region == Region::Everywhere
-            && m.density == Density::Constant
-            && m.sigma_s + m.sigma_a != Vec3::ZERO
-    };
+    let endless = |m: &&Medium| m.region == Region::Everywhere && m.density == Density::Constant && m.dims();
     let Some(medium) = scene.media.iter().find(endless) else { return };
     let sun = scene.lights.iter().find(|l| matches!(l.kind, LightKind::Directional { .. }));
     let far = match (sun, &scene.sky) {
@@ -242,7 +238,7 @@ impl Builder<'_> {
         &mut self,
         at: &Placed,
         json: &Value,
-        Unplaced { medium, source, path }: Unplaced,
+        Unplaced { medium, source, path, glows }: Unplaced,
         bounds: bool,
         budget: &mut gltf_mesh::Budget,
     ) {
@@ -279,7 +275,9 @@ impl Builder<'_> {
             world_from_unit = Some(to);
             medium.region =
                 if bounds { Region::Turned { unit_from_world } } else { Region::Mesh(Arc::new(shell)) };
-        } else if !matches!(source, Source::Grid(_)) {
+        } else if !matches!(source, Source::Grid(_))
+            && (medium.acts() || !glows.iter().any(|g| matches!(g.source, Some(Source::Grid(_)))))
+        {
             let what = "a medium needs a mesh to be in";
             self.out.push(Finding::error(
                 place,
@@ -288,7 +286,9 @@ impl Builder<'_> {
             ));
             return;
         }
-        let settled = settle(medium, source, world_from_node, world_from_unit, &path, self.out);
+        let unplaced = Unplaced { medium, source, path, glows };
+        let settled =
+            settle(unplaced, Place { world_from_space: world_from_node, world_from_unit }, self.out);
         self.scene.media.extend(settled);
     }
 

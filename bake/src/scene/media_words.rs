@@ -4,7 +4,8 @@ use glam::{Affine3A, Vec3};
 use serde_json::{Map, Value};
 
 use super::{
-    density::{Files, Source, density, settle},
+    density::{Files, Place, Source, density, settle},
+    emission_words::{Glow, emission},
     findings::Findings,
     model::{Density, Medium, Region},
     read::{Table, floats, shown},
@@ -26,6 +27,8 @@ pub(super) struct Unplaced {
     pub(super) source: Source,
     /// Where its density stands in the file.
     pub(super) path: String,
+    /// What it emits elsewhere than by its own density.
+    pub(super) glows: Vec<Glow>,
 }
 
 /// The medium that a node's extras put in place of its mesh, and whether it fills the mesh's bounds instead of the mesh; the
@@ -78,19 +81,19 @@ pub(super) fn node_medium(
 pub(super) fn media(t: &mut Table<'_>, files: &mut Files<'_>, out: &mut Findings) -> Vec<Medium> {
     let at = t.at("media");
     let mut read = |value: &Value, path: &str, out: &mut Findings| {
-        let Unplaced { medium, source, path } = medium(value, path, files, out)?;
-        let unit = match &medium.region {
+        let Some(unplaced) = medium(value, path, files, out) else { return Vec::new() };
+        let world_from_unit = match &unplaced.medium.region {
             Region::Box { min, max } => {
                 Some(Affine3A::from_translation(*min) * Affine3A::from_scale(*max - *min))
             }
             _ => None,
         };
-        settle(medium, source, Affine3A::IDENTITY, unit, &path, out)
+        settle(unplaced, Place { world_from_space: Affine3A::IDENTITY, world_from_unit }, out)
     };
     let mut list = match t.get("media") {
         None => Vec::new(),
         Some(Value::Array(list)) => {
-            list.iter().enumerate().filter_map(|(i, v)| read(v, &format!("{at}[{i}]"), out)).collect()
+            list.iter().enumerate().flat_map(|(i, v)| read(v, &format!("{at}[{i}]"), out)).collect()
         }
         Some(_) => {
             out.push(Finding::error(at, "not a list", "write a list of media"));
@@ -122,10 +125,10 @@ fn medium(value: &Value, path: &str, files: &mut Files<'_>, out: &mut Findings) 
             (factor.unwrap_or(1.0), Source::Known(Density::Constant))
         }
     };
-    if t.get("emission").is_some() {
-        let what = "emission of media is not simulated by this version; ignored";
-        out.push(Finding::warning(t.at("emission"), what, "remove it, or use an emissive surface"));
-    }
+    let mut glows = emission(&mut t, files, out);
+    let emits = t.get("emission").is_some();
+    let own: Vec3 = glows.iter().filter(|g| g.source.is_none()).map(|g| g.color).sum();
+    glows.retain(|g| g.source.is_some() && g.color != Vec3::ZERO);
     let bounds = t.read("box", "a table with min and max, three numbers each", out, |v| {
         let corner = |key: &str, i: usize| floats::<3>(v.get(key).or_else(|| v.get(i))?).map(Vec3::from);
         corner("min", 0).zip(corner("max", 1))
@@ -133,8 +136,9 @@ fn medium(value: &Value, path: &str, files: &mut Files<'_>, out: &mut Findings) 
     let boxed = t.get("box").is_some();
     let at = t.at("box");
     t.finish(false, "", out);
-    if !typed {
-        out.push(Finding::error(path, "a medium has `sigma_s`, `sigma_a` or both", "give them per metre"));
+    if !typed && !emits {
+        let what = "a medium has at least one of `sigma_s`, `sigma_a` and `emission`";
+        out.push(Finding::error(path, what, "give them per metre"));
         return None;
     }
     let region = match bounds {
@@ -160,9 +164,10 @@ fn medium(value: &Value, path: &str, files: &mut Files<'_>, out: &mut Findings) 
         path: name.unwrap_or_else(|| path.to_owned()),
         sigma_s,
         sigma_a,
+        emission: own * factor,
         density: Density::Constant,
         g,
         region,
     };
-    Some(Unplaced { medium, source, path: place })
+    Some(Unplaced { medium, source, path: place, glows })
 }

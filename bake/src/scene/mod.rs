@@ -1,10 +1,12 @@
 //! The scene: from glTF bytes to checked data in world units.
 
 pub mod accessor;
+pub mod black_body;
 mod check;
 pub mod config;
 mod density;
 pub mod document;
+mod emission_words;
 mod findings;
 pub mod gltf;
 mod gltf_material;

@@ -66,12 +66,28 @@ pub struct Medium {
     pub sigma_s: Rgb,
     /// Absorption per metre where the density is 1.
     pub sigma_a: Rgb,
+    /// What it emits where the density is 1, nits per metre of way.
+    pub emission: Rgb,
     /// How dense it is from place to place.
     pub density: Density,
     /// Mean cosine of scattering, Henyey-Greenstein.
     pub g: f32,
     /// Where it is.
     pub region: Region,
+}
+
+impl Medium {
+    /// Whether it does anything to light.
+    #[must_use]
+    pub fn acts(&self) -> bool {
+        self.emission != Vec3::ZERO || self.dims()
+    }
+
+    /// Whether it scatters or absorbs.
+    #[must_use]
+    pub fn dims(&self) -> bool {
+        self.sigma_s + self.sigma_a != Vec3::ZERO
+    }
 }
 
 /// How dense a [`Medium`] is from place to place.

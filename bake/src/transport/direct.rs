@@ -154,6 +154,9 @@ impl<const AIR: bool> Kernel<'_, AIR> {
         if area && let Some(responses) = self.responses() {
             out.area += self.sky_by_chance(responses, vertex, sequence, rays);
         }
+        if area && let Some(media) = self.glowing() {
+            out.area += self.fire(media, vertex, sequence.next4(), rays);
+        }
         out
     }
 

@@ -8,6 +8,7 @@ pub mod cache;
 pub mod connect;
 pub mod direct;
 pub(crate) mod encounter;
+mod fire;
 mod glow;
 pub(crate) mod lamps;
 pub mod light_grid;

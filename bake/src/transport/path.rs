@@ -241,6 +241,12 @@ impl<'a, const AIR: bool> Kernel<'a, AIR> {
         if Self::MEDIA { self.media } else { None }
     }
 
+    /// Media that emit.
+    #[inline(always)]
+    pub(crate) fn glowing(&self) -> Option<&'a Media> {
+        self.media().filter(|m| m.emits())
+    }
+
     /// What of it is scattered by tables, likewise.
     #[inline(always)]
     pub(crate) fn responses(&self) -> Option<&'a Responses> {
@@ -270,7 +276,8 @@ impl<const AIR: bool> Kernel<'_, AIR> {
     /// The kernel without media: for questions whose answer must not depend on what becomes of these.
     #[must_use]
     pub fn in_clear_air(&self) -> Self {
-        Self { media: None, responses: None, grid: None, scatters: false, ..*self }
+        let media = self.media.and_then(Media::undimmed);
+        Self { media, responses: None, grid: None, scatters: false, ..*self }
     }
 
     /// See [`Kernel::estimate`].
@@ -488,9 +495,20 @@ impl<const AIR: bool> Kernel<'_, AIR> {
         // What surfaces on the way leave of light, and what media do where they only take.
         let (mut through, mut clear) = (Vec3::ONE, Vec3::ONE);
         let spread = self.media().zip(self.responses());
+        // Weight of what media emit against places that are chosen for it.
+        let mut by_chance = None;
         for _ in 0..MAX_LAYERS {
             *rays += 1;
             let hit = self.closest(&ray);
+            if let Some(media) = self.glowing() {
+                let t = hit.map_or(f32::INFINITY, |h| h.t);
+                let before = if spread.is_none() { clear } else { self.weaken(from.position, wi, travelled) };
+                let weight = *by_chance.get_or_insert_with(|| match HOW {
+                    FROM_SURFACE => balance(pdf, media.emitting_pdf(from.position, wi)),
+                    _ => 1.0,
+                });
+                leg.emitted += through * before * media.emitted(ray.origin, wi, t) * weight;
+            }
             if let (Some(media), None) = (self.media(), spread) {
                 let part = (ray.origin, wi, hit.map_or(f32::INFINITY, |h| h.t));
                 let (airlight, left) =

@@ -34,6 +34,16 @@ enum Place {
     Medium,
 }
 
+impl Place {
+    /// Density per steradian with which the place chose a direction. In media nothing competes with it.
+    fn density(&self, direction: Vec3A) -> f32 {
+        match self {
+            Self::Surface(v) => cos_hemisphere_pdf(direction.dot(v.shading_normal)),
+            Self::Medium => 1.0,
+        }
+    }
+}
+
 /// How a segment ended.
 enum End {
     /// Scattered there, with this weight; mean cosine of the medium.
@@ -88,11 +98,22 @@ impl<const AIR: bool> Kernel<'_, AIR> {
         let (mut reflections, mut travelled, mut layers) = (0u32, 0.0, 0u32);
         // Neither reflected nor scattered yet.
         let mut straight = true;
+        // What media emit along the way is found by places that are chosen for it as well, but from where a ray comes that looks out of the air.
+        let mut glow_weight = match (&place, self.glowing()) {
+            (Place::Surface(v), Some(media)) => {
+                balance(place.density(direction), media.emitting_pdf(v.position, direction))
+            }
+            _ => 1.0,
+        };
         for depth in 1u32.. {
             out.rays += 1;
             let ray = crate::geom::Ray { origin, direction, t_max: f32::INFINITY };
             let hit = self.closest(&ray);
             let length = hit.map_or(f32::INFINITY, |h| h.t);
+            if media.emits() {
+                let emitted = throughput * media.emitted(origin, direction, length) * glow_weight;
+                *(if straight { &mut out.direct } else { &mut out.indirect }) += emitted;
+            }
             media.segments(origin, direction, length, &mut segments);
             if !segments.is_empty() {
                 let air = Air { media, segments: &segments, origin, direction };
@@ -108,7 +129,15 @@ impl<const AIR: bool> Kernel<'_, AIR> {
                             break;
                         }
                         let [a, b, _, _] = sequence.next4();
-                        direction = henyey_greenstein_direction(direction, g, [a, b]);
+                        let from = direction;
+                        direction = henyey_greenstein_direction(from, g, [a, b]);
+                        if media.emits() {
+                            let u = sequence.next4();
+                            out.indirect +=
+                                throughput * self.fire_in_air(media, p, (from, g), u, &mut out.rays);
+                            let pdf = media.phase(g, from.dot(direction));
+                            glow_weight = balance(pdf, media.emitting_pdf(p, direction));
+                        }
                         origin = p;
                         place = Place::Medium;
                         straight = false;
@@ -121,10 +150,7 @@ impl<const AIR: bool> Kernel<'_, AIR> {
                     break;
                 }
             }
-            let pdf = match &place {
-                Place::Surface(v) => cos_hemisphere_pdf(direction.dot(v.shading_normal)),
-                Place::Medium => 1.0,
-            };
+            let pdf = place.density(direction);
             let Some(hit) = hit else {
                 let other = match &place {
                     Place::Surface(v) => self.sky_density(v, direction),
@@ -171,7 +197,11 @@ impl<const AIR: bool> Kernel<'_, AIR> {
                     let [a, b, _, _] = sequence.next4();
                     direction = Frame::new(vertex.shading_normal).to_world(square_to_cos_hemisphere([a, b]));
                     origin = vertex.ray(direction, f32::INFINITY).origin;
+                    let at = vertex.position;
                     place = Place::Surface(vertex);
+                    if media.emits() {
+                        glow_weight = balance(place.density(direction), media.emitting_pdf(at, direction));
+                    }
                     straight = false;
                     travelled = 0.0;
                     layers = 0;
@@ -427,6 +457,7 @@ mod tests {
             path: String::new(),
             sigma_s,
             sigma_a,
+            emission: Vec3::ZERO,
             density,
             g,
             region: Region::Box { min: vec3(-9.0, -9.0, z[0]), max: vec3(9.0, 9.0, z[1]) },
@@ -483,6 +514,7 @@ mod tests {
             path: String::new(),
             sigma_s: vec3(0.1, 0.0, 0.0),
             sigma_a: vec3(0.0, 0.0, 1.0),
+            emission: Vec3::ZERO,
             density: Density::Constant,
             g: 0.0,
             region: Region::Everywhere,

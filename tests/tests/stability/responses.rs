@@ -297,6 +297,7 @@ fn phases(group: &mut Group) {
                 path: String::new(),
                 sigma_s: Vec3::ONE,
                 sigma_a: Vec3::ZERO,
+                emission: Vec3::ZERO,
                 density: Density::Constant,
                 g,
                 region: Region::Everywhere,

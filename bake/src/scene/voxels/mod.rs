@@ -170,6 +170,26 @@ impl Voxels {
         Self::from_fn(size, most_bytes, |v| values[linear(v, size)])
     }
 
+    /// The same voxels with other densities, which those of each brick follow from one by one.
+    ///
+    /// # Errors
+    /// As [`Self::from_fn`].
+    pub fn map(&self, of: impl Fn(f32) -> f32 + Sync) -> Result<Self, Unusable> {
+        let mut grid = self.clone();
+        grid.values.par_iter_mut().for_each(|v| *v = of(*v));
+        let varying = grid.values.len() / BRICK;
+        let (first, last) = grid.bounds.split_at_mut(varying);
+        for (bounds, values) in first.iter_mut().zip(grid.values.chunks(BRICK)) {
+            *bounds = values.iter().fold([f32::INFINITY, 0.0], |[a, b], v| [a.min(*v), b.max(*v)]);
+        }
+        last.iter_mut().for_each(|b| *b = [of(b[0]); 2]);
+        if let Some(bad) = grid.bounds.iter().flatten().find(|v| !is_density(**v)) {
+            return Err(Unusable::density("of a brick", *bad));
+        }
+        grid.most = grid.bounds.iter().fold(0.0, |m, b| m.max(b[1]));
+        if grid.most == 0.0 { Err(Unusable::empty()) } else { Ok(grid) }
+    }
+
     /// A grid without its bricks.
     fn unfilled(size: UVec3, margin: UVec3, along: UVec3, place: Option<Affine3A>) -> Self {
         let cells = along.as_usizevec3().element_product();

@@ -1,0 +1,113 @@
+//! Media that emit: equilibrium, closed forms, and unbiased paths.
+
+#![expect(clippy::print_stdout, reason = "figures that are reported")]
+
+use glam::{DVec3, Vec3};
+use suite::baked::Baked;
+use suite::gltf::{Glb, Material, Node};
+use suite::scenes::closed;
+use suite::shape::Shape;
+use suite::tool;
+
+/// Mean luminance over all covered texels, and the greatest distance of a channel's mean from it.
+fn mean(baked: &Baked) -> f64 {
+    let page = &baked.pages[0];
+    let covered = || (0..page.channels["A"].len()).filter(|i| 0.0 < page.channels["A"][*i]);
+    let sum = |c: &str| covered().map(|i| f64::from(page.channels[c][i])).sum::<f64>();
+    (sum("R") + sum("G") + sum("B")) / (3 * covered().count()) as f64
+}
+
+/// A medium that emits as much as it absorbs of the light in a furnace changes nothing, wherever it is, however dense it is, and
+/// whatever it scatters (Kirchhoff's law): walls and medium are as bright.
+#[test]
+fn a_furnace_in_equilibrium_stays_white() {
+    let mut faults = Vec::new();
+    let cube = "box = { min = [-0.5, -0.5, -0.5], max = [0.5, 0.5, 0.5] }";
+    let half = "box = { min = [-0.3, -0.5, -0.4], max = [0.5, 0.2, 0.1] }";
+    let noise = "density = { noise = { seed = 3, scale = 2, resolution = 24 } }";
+    for (medium, modes) in [
+        ("sigma_a = 1, emission = 2".to_owned(), &["attenuate", "bounded", "reference", "table"][..]),
+        (
+            format!("sigma_a = [0.3, 1, 8], emission = [0.6, 2, 16], {half}"),
+            &["attenuate", "bounded", "reference"],
+        ),
+        (format!("sigma_a = 5, emission = 10, {noise}, {cube}"), &["attenuate", "bounded", "reference"]),
+        (format!("sigma_a = 2, emission = 4, sigma_s = 3, g = 0.4, {half}"), &["bounded", "reference"]),
+        (format!("sigma_a = 2, emission = 4, sigma_s = 1, {noise}, {cube}"), &["bounded", "reference"]),
+    ] {
+        for mode in modes {
+            let args = ["--samples", "128", "--texels-per-metre", "6", "--media", mode, "--probes", "off"];
+            let off = mean(&tool::baked_in(&closed::furnace(0.5, 1.0), &format!("{{ {medium} }}"), &args))
+                / 2.0
+                - 1.0;
+            println!("{medium}, {mode}: {:+.2} %", 100.0 * off);
+            faults.extend((0.01 < off.abs()).then(|| format!("{medium}, {mode}: {off}")));
+        }
+    }
+    assert!(faults.is_empty(), "{faults:?}");
+}
+
+/// A black floor of 4 m, at y = 0.
+fn black_floor() -> Vec<u8> {
+    let mut glb = Glb::new();
+    let black = glb.material(&Material::matte("black", [0.0; 3]));
+    let mut s = Shape::default();
+    s.grid(Vec3::new(-2.0, 0.0, 2.0), Vec3::X * 4.0, Vec3::Z * -4.0, 1, 1);
+    let mesh = glb.mesh("floor", &[(&s, black)]);
+    glb.node(Node::new("floor").mesh(mesh));
+    glb.finish()
+}
+
+/// `E / pi` at a place on the floor of a stencil of 2 x 2 x 2 voxels of half a metre above it, which emit and absorb: a sum over small cubes,
+/// each weakened by what is on a straight line to the place.
+fn brute(at: DVec3, values: &[f64; 8], sigma: f64, emission: f64) -> f64 {
+    const FINE: u32 = 24;
+    let (low, voxel) = (DVec3::new(-0.5, 0.5, -0.5), 0.5);
+    let density = |p: DVec3| {
+        let v = ((p - low) / voxel).floor();
+        let inside = 0.0 <= v.min_element() && v.max_element() < 2.0;
+        let number = v.x + 2.0 * v.y + 4.0 * v.z;
+        let found = (0..8).find(|i| f64::from(*i) == number).filter(|_| inside);
+        found.map_or(0.0, |i: u8| values[usize::from(i)])
+    };
+    let side = 2.0 * voxel / f64::from(FINE);
+    let mut sum = 0.0;
+    for i in 0..FINE * FINE * FINE {
+        let cell = DVec3::new(f64::from(i % FINE), f64::from(i / FINE % FINE), f64::from(i / (FINE * FINE)));
+        let p = low + (cell + 0.5) * side;
+        let way = p - at;
+        let steps = 1000;
+        let depth: f64 =
+            (0..steps).map(|k| density(at + way * ((f64::from(k) + 0.5) / f64::from(steps)))).sum();
+        let left = (-sigma * depth * way.length() / f64::from(steps)).exp();
+        let r2 = way.length_squared();
+        sum += density(p) * emission * left * (way.y / r2.sqrt()) / r2 * side.powi(3);
+    }
+    sum / std::f64::consts::PI
+}
+
+/// What arrives of a grid that emits and absorbs, against a sum over its volume; all ways to follow light agree where nothing scatters.
+#[test]
+fn a_glowing_grid_lights_the_floor_as_its_volume_does() {
+    let values = [1.0, 0.0, 0.5, 4.0, 0.0, 2.0, 1.0, 0.25];
+    let medium = "{ sigma_a = 0.8, emission = { color = [1, 0.5, 0.25], strength = 3, stencil = { size = [2, 2, 2], values = [1, 0, 0.5, 4, 0, 2, 1, 0.25] } }, \
+        density = { stencil = { size = [2, 2, 2], values = [1, 0, 0.5, 4, 0, 2, 1, 0.25] } }, \
+        box = { min = [-0.5, 0.5, -0.5], max = [0.5, 1.5, 0.5] } }";
+    let dir = tempfile::tempdir().expect("a folder");
+    let (scene, config) = (dir.path().join("scene.glb"), dir.path().join("fire.toml"));
+    std::fs::write(&scene, black_floor()).expect("a file");
+    std::fs::write(&config, format!("media = [{medium}]\n")).expect("a file");
+    let places = [[0.0, 0.0, 0.0], [0.4, 0.0, -0.3], [1.5, 0.0, 1.0], [-1.0, 0.0, 0.2]];
+    let at: Vec<[[f64; 3]; 2]> = places.iter().map(|p| [*p, [0.0, 1.0, 0.0]]).collect();
+    for mode in ["attenuate", "bounded", "reference"] {
+        let args = ["--config", config.to_str().expect("a path"), "--media", mode, "--samples", "16384"];
+        for (p, [lux, error]) in places.iter().zip(tool::points(&scene, &at, &args)) {
+            let want = std::f64::consts::PI * brute(DVec3::from(*p), &values, 0.8, 3.0);
+            for (k, part) in [1.0, 0.5, 0.25].into_iter().enumerate() {
+                let off = lux[k] / (want * part) - 1.0;
+                println!("{mode}, {p:?}: {:.5} of {:.5} lux, {:+.2} %", lux[k], want * part, 100.0 * off);
+                assert!(off.abs() < 0.003 + 3.0 * error[k] / (want * part), "{mode} {p:?}: {off}");
+            }
+        }
+    }
+}
