@@ -53,7 +53,7 @@ fn measure(name: &str, embree: &Embree, tracing: &Tracing, n: u32) -> anyhow::Re
     let bvh = bake::geom::Bvh::build(&tracing.world, |_| Some(bake::geom::bvh::Opacity::Opaque))?;
     let seconds = start.elapsed().as_secs_f64();
     let (world, lights, kernels) = (tracing.world.clone(), tracing.lights.clone(), tracing.kernels.clone());
-    let tracing = &Tracing { world, bvh, lights, media: None, responses: None, kernels };
+    let tracing = &Tracing { world, bvh, lights, media: None, responses: None, fires: None, kernels };
     let fast = embree.scene(triangles, false)?;
     let robust = embree.scene(triangles, true)?;
     let rays = Rays::new(tracing, n);

@@ -173,6 +173,28 @@ pub(crate) struct TuningArgs {
     /// Bands of zonal harmonics that --media table looks up [default: 11]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=11))]
     pub(crate) zh_order: Option<u32>,
+    /// How surfaces find the light of media that emit: by directions and by places chosen for it, or, for --media bounded and attenuate, as many lights in
+    /// a lighting grid hierarchy, which is smooth but some per cent off in dense smoke [default: paths]
+    #[arg(long, value_enum)]
+    pub(crate) fire: Option<FireArg>,
+    /// Radius of influence of the hierarchy's levels over their spacing: larger is slower and nearer to the truth [default: 2]
+    #[arg(long, value_name = "X", value_parser = alpha, allow_negative_numbers = true)]
+    pub(crate) fire_alpha: Option<f32>,
+    /// Distances for which each texel of the hierarchy's shadows knows what is left of light [default: 4]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=64))]
+    pub(crate) fire_depths: Option<u32>,
+}
+
+/// How light of media that emit is found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FireArg {
+    Grid,
+    Paths,
+}
+
+fn alpha(text: &str) -> Result<f32, String> {
+    let x: f32 = text.parse().map_err(|e| format!("{e}"))?;
+    if (1.0..=64.0).contains(&x) { Ok(x) } else { Err("write a number from 1 to 64".to_owned()) }
 }
 
 /// Light probes.

@@ -8,6 +8,8 @@ use crate::cli::say::{self, Interrupt, Style};
 use crate::cli::stopwatch::Stopwatch;
 use crate::error::{Error, Finding, Severity};
 use crate::geom::texel::TexelMap;
+use crate::light::fires::Fires;
+use crate::light::hierarchy::shadows::Size;
 use crate::output::denoise::{self, DenoiseStats};
 use crate::output::folder::Staging;
 use crate::output::page::{Page, PageStats};
@@ -334,6 +336,14 @@ impl Job<'_> {
         let learnt = learn(self.plan);
         let kernel = learnt.guide(kernel(self.plan));
         self.watch.lap("pilot");
+        if let Some(fires) = &self.plan.tracing().fires {
+            say::watch(self.style, "shadows of fire", 0, &baked.monitor, self.interrupt, || {
+                fires.shadows();
+                Ok::<(), Error>(())
+            })?;
+            self.style.stage("fire", &levels(fires));
+            self.watch.lap("fire");
+        }
         let (grid, gate) = self.stages(&baked.monitor).light_grid(&learnt.guide_texels(kernel))?;
         admit(&gate);
         baked.gate = baked.gate.merge(gate);
@@ -690,6 +700,19 @@ pub(crate) fn check_spacing(plan: &Plan) -> Result<(), Error> {
         }
     }
     Ok(())
+}
+
+/// Lights of each level of a hierarchy, with what their shadows take.
+fn levels(fires: &Fires) -> String {
+    let each = |(l, s): (usize, &Size)| {
+        let shadows = if s.bytes == 0 {
+            String::new()
+        } else {
+            format!(", {} texels of {} bytes each, {}", s.texels, s.texel_bytes, say::bytes(s.bytes))
+        };
+        format!("level {l}: {} lights{shadows}", s.lights)
+    };
+    fires.sizes().iter().enumerate().map(each).collect::<Vec<_>>().join("\n")
 }
 
 fn amount(sampling: &Sampling) -> String {

@@ -1,13 +1,14 @@
 //! Reads scene and configuration and resolves settings.
 
 use crate::cli::args::{
-    DenoiseArg, DirectArg, GridArgs, LightUnitsArg, MediaArg, OnOff, ProbeArgs, ProbesArg, QualityArg,
-    SceneArgs, SettingsArgs, TextureArg, TuningArgs, UnwrapArg,
+    DenoiseArg, DirectArg, FireArg, GridArgs, LightUnitsArg, MediaArg, OnOff, ProbeArgs, ProbesArg,
+    QualityArg, SceneArgs, SettingsArgs, TextureArg, TuningArgs, UnwrapArg,
 };
 use crate::cli::say;
 use crate::error::{Error, Finding};
 use crate::geom::atlas::{Engine, Unwrap};
 use crate::light::Direct;
+use crate::light::fires::FireOptions;
 use crate::plan::settings::{Denoise, Fineness, Probes, Sampling, TextureFormat};
 use crate::plan::{Effect, Force, MediaMode, Quality, Settings, Tracing, Tuning};
 use crate::scene::config::{Config, RunConfig};
@@ -188,7 +189,23 @@ pub(crate) fn tuning(args: &TuningArgs, media: MediaMode, document: &Document) -
         let bytes = std::fs::read(path).map_err(Error::io(path, "cannot read"))?;
         document.note_input(&path.to_string_lossy(), &bytes);
     }
+    let many = matches!(media, MediaMode::Attenuate | MediaMode::Bounded);
+    if args.fire == Some(FireArg::Grid) && !many {
+        let what = "--fire grid is for --media bounded and attenuate";
+        return Err(Error::Usage(what.to_owned()));
+    }
+    if args.fire != Some(FireArg::Grid) && (args.fire_alpha.is_some() || args.fire_depths.is_some()) {
+        let what = "--fire-alpha and --fire-depths are for --fire grid";
+        return Err(Error::Usage(what.to_owned()));
+    }
+    let fires = FireOptions::default();
+    let fires = FireOptions {
+        alpha: args.fire_alpha.unwrap_or(fires.alpha),
+        depths: args.fire_depths.map_or(fires.depths, |n| n as usize),
+        ..fires
+    };
     Ok(Tuning {
+        fire: (args.fire == Some(FireArg::Grid)).then_some(fires),
         light_samples: args.light_samples.unwrap_or(usual.light_samples),
         light_threshold: args.light_threshold.unwrap_or(usual.light_threshold),
         tables: args.tables.clone(),

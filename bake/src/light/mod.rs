@@ -3,6 +3,8 @@
 
 pub mod beams;
 pub mod emitters;
+pub mod fires;
+pub mod hierarchy;
 pub mod many;
 pub mod punctual;
 pub mod sky;

@@ -177,6 +177,9 @@ fn of_brick(values: &Voxels, cell: usize, mut visit: impl FnMut(UVec3, f64) -> b
     }
 }
 
+/// Points along the longest side of a medium, at least.
+const FINE: u32 = 32;
+
 /// Room for what a ray crosses.
 #[derive(Default)]
 struct Room {
@@ -346,6 +349,82 @@ impl Media {
             wanted -= part.power;
         }
         None
+    }
+
+    /// What is emitted as points, metres and candela, and the side of the cubes that they stand for, metres; `None` where nothing is emitted, or something is
+    /// without end. Points of media whose voxels coincide are one.
+    #[must_use]
+    pub fn emitting_points(&self) -> Option<(Vec<(Vec3A, Rgb)>, f32)> {
+        self.emission.as_ref()?;
+        let glows = || self.bodies.iter().filter(|b| b.emission != Vec3::ZERO);
+        let mut side = f32::INFINITY;
+        let mut points: Vec<(Vec3A, Rgb)> = Vec::new();
+        for b in glows() {
+            let (min, max) = b.bounds()?;
+            let extent = (max - min).max_element();
+            let (size, world_from_cell, values) = match &b.density {
+                Density::Voxels { values, voxels_from_world } => {
+                    let parts = FINE.div_ceil(values.size().max_element());
+                    let to = voxels_from_world.inverse()
+                        * Affine3A::from_scale(Vec3::splat((parts as f32).recip()));
+                    (values.size() * parts, to, Some((values, parts)))
+                }
+                Density::Constant | Density::Height { .. } => {
+                    let cell = extent / FINE as f32;
+                    let size = ((max - min) / cell).ceil().max(Vec3::ONE).as_uvec3();
+                    (
+                        size,
+                        Affine3A::from_translation(min) * Affine3A::from_scale((max - min) / size.as_vec3()),
+                        None,
+                    )
+                }
+            };
+            let volume = world_from_cell.matrix3.determinant().abs();
+            side = side.min(volume.cbrt());
+            let mut one = |cell: UVec3, value: f32| {
+                let p = world_from_cell.transform_point3a(cell.as_vec3a() + 0.5);
+                if 0.0 < value && b.holds(p) {
+                    points.push((p, b.emission * (value * volume)));
+                }
+            };
+            if let Some((values, parts)) = values {
+                for cell in 0..values.along().as_usizevec3().element_product() {
+                    of_brick(values, cell, |voxel, value| {
+                        #[expect(clippy::cast_possible_truncation, reason = "it was f32")]
+                        let value = value as f32;
+                        for k in 0..parts.pow(3) {
+                            one(
+                                voxel * parts + uvec3(k % parts, k / parts % parts, k / (parts * parts)),
+                                value,
+                            );
+                        }
+                        true
+                    });
+                }
+                continue;
+            }
+            for z in 0..size.z {
+                for y in 0..size.y {
+                    for x in 0..size.x {
+                        let cell = uvec3(x, y, z);
+                        one(
+                            cell,
+                            density(&b.density, world_from_cell.transform_point3a(cell.as_vec3a() + 0.5)),
+                        );
+                    }
+                }
+            }
+        }
+        let key = |p: &(Vec3A, Rgb)| p.0.to_array().map(f32::to_bits);
+        points.sort_by_key(key);
+        points.dedup_by(|b, a| {
+            let same = key(a) == key(b);
+            if same {
+                a.1 += b.1;
+            }
+            same
+        });
+        Some((points, side))
     }
 
     /// Density per steradian with which [`Self::emitting_place`] lies in a direction.

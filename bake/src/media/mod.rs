@@ -5,6 +5,7 @@
 
 pub mod boundary;
 mod emission;
+pub mod lattice;
 pub mod march;
 mod responses;
 

@@ -269,7 +269,14 @@ pub fn list(scene: &Scene, tracing: &Tracing, settings: &Settings) -> Vec<Decisi
                 (n, MediaMode::Table) => {
                     format!("{n} of the media emit; what media scatter of that is not simulated by `table`")
                 }
-                (n, _) => format!("{n} of the media emit: found by directions and by places chosen for it"),
+                (n, _) => match &tracing.fires {
+                    Some(fires) => {
+                        let lights = fires.hierarchy().levels().iter().map(|l| l.lights.len().to_string());
+                        let lights = lights.collect::<Vec<_>>().join(", ");
+                        format!("{n} of the media emit: a hierarchy of {lights} lights")
+                    }
+                    None => format!("{n} of the media emit: found by directions and by places chosen for it"),
+                },
             },
         ),
         told(Effect::MediaColour, "colour of media"),

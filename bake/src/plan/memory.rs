@@ -9,6 +9,7 @@ use super::Plan;
 use crate::geom::atlas::{Atlas, Layout, NO_CHART};
 use crate::geom::cells;
 use crate::geom::world::World;
+use crate::light::fires::Fires;
 use crate::plan::settings::{Denoise, MediaMode, Sampling, TextureFormat};
 use crate::scene::document::Document;
 use crate::scene::model::{Density, Image, Medium, Mesh, ProbeBox, Region, Sky};
@@ -191,7 +192,8 @@ impl Memory {
 
         let (fill, grid) = grid_bytes(plan);
         let (find, filled) = if plan.settings().caches() { cache_bytes(plan) } else { (0, 0) };
-        let (mut kept, mut gather, mut write) = (grid + filled + SHARED_BEAMS, 0, 0);
+        let fires = tracing.fires.as_ref().map_or(0, Fires::bytes);
+        let (mut kept, mut gather, mut write) = (fires + grid + filled + SHARED_BEAMS, 0, 0);
         let seams = plan.seams();
         let places = seams.places(&tracing.world, atlas);
         let waiting = seams.join_pages(&tracing.world, atlas);

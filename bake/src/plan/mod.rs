@@ -14,6 +14,7 @@ use crate::geom::atlas::{self, Atlas};
 use crate::geom::seams::Seams;
 use crate::geom::shade::opacity;
 use crate::geom::{Bvh, World};
+use crate::light::fires::Fires;
 use crate::light::{Direct, Lights};
 use crate::media::{Media, Responses};
 use crate::scene::document::Document;
@@ -47,6 +48,8 @@ pub struct Tracing {
     pub media: Option<Media>,
     /// What it scatters, by the tables, if they are asked.
     pub responses: Option<Responses>,
+    /// What media emit as many lights, if it is found that way.
+    pub fires: Option<Fires>,
     /// Which kernel runs for each effect.
     pub kernels: Kernels,
 }
@@ -101,7 +104,9 @@ impl Tracing {
             }
             _ => None,
         };
-        Ok(Self { world, bvh, lights, media, responses, kernels })
+        let many = matches!(mode, MediaMode::Attenuate | MediaMode::Bounded);
+        let fires = media.as_ref().filter(|_| many).zip(tuning.fire).and_then(|(m, f)| Fires::new(m, f));
+        Ok(Self { world, bvh, lights, media, responses, fires, kernels })
     }
 }
 

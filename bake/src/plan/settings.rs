@@ -2,6 +2,7 @@
 
 use crate::geom::atlas::{AtlasOptions, Density, Engine, Unwrap};
 use crate::light::Direct;
+use crate::light::fires::FireOptions;
 use crate::light::many::{SEVERAL, THRESHOLD};
 use crate::media::Media;
 use crate::plan::kernels::Force;
@@ -157,11 +158,13 @@ pub struct Tuning {
     pub tables: Option<PathBuf>,
     /// Bands of zonal harmonics that responses have, 1 to 11.
     pub zh_order: usize,
+    /// How what media emit becomes many lights; `None` where directions and places chosen for it find it.
+    pub fire: Option<FireOptions>,
 }
 
 impl Default for Tuning {
     fn default() -> Self {
-        Self { light_samples: SEVERAL, light_threshold: THRESHOLD, tables: None, zh_order: BANDS }
+        Self { light_samples: SEVERAL, light_threshold: THRESHOLD, tables: None, zh_order: BANDS, fire: None }
     }
 }
 
@@ -337,6 +340,12 @@ impl Settings {
         (self.media == MediaMode::Bounded).then_some(self.light_grid)
     }
 
+    /// How what media emit becomes many lights, if it does.
+    #[must_use]
+    pub fn fire(&self) -> Option<FireOptions> {
+        self.tuning.fire.filter(|_| matches!(self.media, MediaMode::Attenuate | MediaMode::Bounded))
+    }
+
     pub(crate) fn atlas(&self) -> AtlasOptions {
         let density = match self.texels_per_metre {
             Some(d) => Density::Fixed(d),
@@ -379,6 +388,9 @@ impl Settings {
             ("light_threshold", json!(self.tuning.light_threshold)),
             ("media", json!(self.media.name())),
             ("zh_order", json!((self.media == MediaMode::Table).then_some(self.tuning.zh_order))),
+            ("fire", json!(self.fire().map_or("paths", |_| "grid"))),
+            ("fire_alpha", json!(self.fire().map(|f| f.alpha))),
+            ("fire_depths", json!(self.fire().map(|f| f.depths))),
             ("grid_nodes", json!(self.light_grid().map(|f| f.nodes))),
             ("grid_paths", json!(self.light_grid().map(|f| f.paths))),
             ("grid_orders", json!(self.light_grid().and_then(|f| f.orders))),

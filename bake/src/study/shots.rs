@@ -11,8 +11,8 @@ use tables::format::manifest::{Manifest, Timings};
 use tempfile::TempDir;
 
 /// Stages whose time a knob can change; loading, unwrapping and writing are left out.
-const WORK: [&str; 9] =
-    ["pilot", "light grid", "cache", "probes", "facing", "sample", "directions", "denoise", "stitch"];
+const WORK: [&str; 10] =
+    ["pilot", "fire", "light grid", "cache", "probes", "facing", "sample", "directions", "denoise", "stitch"];
 
 /// Stages that take longer the more texels there are.
 const OF_TEXELS: [&str; 5] = ["facing", "sample", "directions", "denoise", "stitch"];

@@ -154,8 +154,13 @@ impl<const AIR: bool> Kernel<'_, AIR> {
         if area && let Some(responses) = self.responses() {
             out.area += self.sky_by_chance(responses, vertex, sequence, rays);
         }
-        if area && let Some(media) = self.glowing() {
-            out.area += self.fire(media, vertex, sequence.next4(), rays);
+        if let Some(media) = self.glowing() {
+            let asked = if receiver && self.fires_apart() { small } else { area };
+            match self.fires() {
+                Some(fires) if asked => out.area += self.lit_by(fires, vertex, sequence.next4(), rays),
+                None if area => out.area += self.fire(media, vertex, sequence.next4(), rays),
+                _ => {}
+            }
         }
         out
     }
@@ -163,6 +168,11 @@ impl<const AIR: bool> Kernel<'_, AIR> {
     /// Whether texels gather the light straight from emissive triangles with that of lamps.
     pub(crate) fn emitters_apart(&self) -> bool {
         self.emitters_apart && self.lights.emitters_by == Selection::Tree
+    }
+
+    /// Whether texels gather the light straight from fires with that of lamps.
+    pub(crate) fn fires_apart(&self) -> bool {
+        self.emitters_apart && self.fires().is_some()
     }
 
     /// What counts of a light of which the game may add the unscattered part; `None` if nothing does.

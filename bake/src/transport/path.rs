@@ -7,6 +7,7 @@
 
 use crate::geom::world::SurfacePoint;
 use crate::geom::{Bvh, Hit, Ray, World};
+use crate::light::fires::Fires;
 use crate::light::{Beams, Lights, SkyGuide};
 use crate::media::{Media, Responses};
 use crate::plan::{MediaMode, Tracing};
@@ -98,6 +99,8 @@ pub struct Kernel<'a, const AIR: bool = true> {
     pub responses: Option<&'a Responses>,
     /// What of it is scattered between walls.
     pub grid: Option<&'a LightGrid>,
+    /// Media that emit, as many lights; without it directions and places chosen for it find what they emit.
+    pub fires: Option<&'a Fires>,
     /// Whether paths scatter in it.
     pub scatters: bool,
     /// Whether many emissive triangles are asked where texels ask lamps, and not by their paths.
@@ -200,6 +203,10 @@ impl<'a> Kernel<'a> {
             media: tracing.media.as_ref().filter(|m| media != MediaMode::Off || m.is_empty()),
             responses: tracing.responses.as_ref().filter(|_| media == MediaMode::Table),
             grid: None,
+            fires: tracing
+                .fires
+                .as_ref()
+                .filter(|_| matches!(media, MediaMode::Attenuate | MediaMode::Bounded)),
             scatters: media == MediaMode::Reference && tracing.media.as_ref().is_some_and(|m| !m.is_empty()),
             emitters_apart: false,
         }
@@ -224,6 +231,7 @@ impl<'a> Kernel<'a> {
             media: None,
             responses: None,
             grid: None,
+            fires: None,
             scatters: false,
             emitters_apart: self.emitters_apart,
         })
@@ -245,6 +253,12 @@ impl<'a, const AIR: bool> Kernel<'a, AIR> {
     #[inline(always)]
     pub(crate) fn glowing(&self) -> Option<&'a Media> {
         self.media().filter(|m| m.emits())
+    }
+
+    /// The same as many lights, likewise.
+    #[inline(always)]
+    pub(crate) fn fires(&self) -> Option<&'a Fires> {
+        if Self::MEDIA { self.fires } else { None }
     }
 
     /// What of it is scattered by tables, likewise.
@@ -277,7 +291,7 @@ impl<const AIR: bool> Kernel<'_, AIR> {
     #[must_use]
     pub fn in_clear_air(&self) -> Self {
         let media = self.media.and_then(Media::undimmed);
-        Self { media, responses: None, grid: None, scatters: false, ..*self }
+        Self { media, responses: None, grid: None, fires: None, scatters: false, ..*self }
     }
 
     /// See [`Kernel::estimate`].
@@ -290,13 +304,13 @@ impl<const AIR: bool> Kernel<'_, AIR> {
 
     /// Whether there is anything that [`Kernel::small`] finds.
     pub(crate) fn has_small(&self) -> bool {
-        self.lights.has_small() || self.has_lamps_in_air() || self.emitters_apart()
+        self.lights.has_small() || self.has_lamps_in_air() || self.emitters_apart() || self.fires_apart()
     }
 
     /// See [`Kernel::small`].
     pub(crate) fn small_part(&self, at: &Vertex, sequence: &mut Sequence) -> Estimate {
         let mut out = Estimate::default();
-        if self.lights.has_small() || self.emitters_apart() {
+        if self.lights.has_small() || self.emitters_apart() || self.fires_apart() {
             out.direct = self.direct(at, Part::Small, true, None, sequence, &mut out.rays).sum();
         }
         out.indirect = self.lamps_through_air(at, sequence, &mut out.rays);
@@ -500,7 +514,7 @@ impl<const AIR: bool> Kernel<'_, AIR> {
         for _ in 0..MAX_LAYERS {
             *rays += 1;
             let hit = self.closest(&ray);
-            if let Some(media) = self.glowing() {
+            if let Some(media) = self.glowing().filter(|_| HOW != FROM_SURFACE || self.fires().is_none()) {
                 let t = hit.map_or(f32::INFINITY, |h| h.t);
                 let before = if spread.is_none() { clear } else { self.weaken(from.position, wi, travelled) };
                 let weight = *by_chance.get_or_insert_with(|| match HOW {

@@ -1,6 +1,7 @@
 //! Generated scenes, each as the bytes of a `.glb`.
 
 pub mod closed;
+pub mod fire;
 pub mod hall;
 pub mod hard;
 pub mod lamps;
