@@ -130,7 +130,7 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
             && LATE * seconds < took
         {
             let what = format!("the bake took {} instead of {}", say::duration(took), say::duration(seconds));
-            let fix = "give it more time, or fewer texels: each takes at least 2 paths";
+            let fix = "give it more time, or fewer texels: each takes at least 2 paths, or 8 on small pages";
             say::findings(&[Finding::warning("--time-budget", what, fix)], false);
         }
         Ok(ExitCode::SUCCESS)
@@ -333,9 +333,6 @@ impl Job<'_> {
         let atlas = self.plan.atlas();
         let settings = self.plan.settings();
         self.style.stage("plan", &announce(self.plan, self.memory));
-        let learnt = learn(self.plan);
-        let kernel = learnt.guide(kernel(self.plan));
-        self.watch.lap("pilot");
         if let Some(fires) = &self.plan.tracing().fires {
             say::watch(self.style, "shadows of fire", 0, &baked.monitor, self.interrupt, || {
                 fires.shadows();
@@ -344,6 +341,9 @@ impl Job<'_> {
             self.style.stage("fire", &levels(fires));
             self.watch.lap("fire");
         }
+        let learnt = learn(self.plan);
+        let kernel = learnt.guide(kernel(self.plan));
+        self.watch.lap("pilot");
         let (grid, gate) = self.stages(&baked.monitor).light_grid(&learnt.guide_texels(kernel))?;
         admit(&gate);
         baked.gate = baked.gate.merge(gate);

@@ -120,10 +120,11 @@ impl Fires {
         self.hierarchy.bytes() + smoke + self.sizes().iter().map(|s| s.bytes).sum::<u64>()
     }
 
-    /// Calls `visit` with each light that counts at a place, dimmed by media and not by surfaces.
+    /// Calls `visit` with each light that counts at a place, dimmed by media and not by surfaces; by smoke only once [`Self::shadows`] was asked for, which works on all threads and so cannot
+    /// be here.
     #[inline]
     pub fn visit(&self, place: Vec3A, mut visit: impl FnMut(&Arriving<'_>)) {
-        let shadows = self.shadows();
+        let shadows = self.shadows.get().and_then(Option::as_ref);
         self.hierarchy.visit(place, |level, number, light, distance, weight| {
             let wi = (light.position - place).normalize_or(Vec3A::Y);
             let mut illuminance = light.intensity * (weight * self.hierarchy.falloff(distance));

@@ -224,7 +224,12 @@ impl Media {
     pub(super) fn without_loss(&self) -> Option<Self> {
         self.emission.as_ref()?;
         let glow = self.bodies.iter().filter(|b| b.emission != Vec3::ZERO);
-        let bodies = glow.map(|b| Body { sigma_s: Vec3::ZERO, sigma_a: Vec3::ZERO, ..b.clone() }).collect();
+        let clear = |b: &Body| match b.shape {
+            // Without end, it would have no limit.
+            Shape::Everywhere => b.clone(),
+            _ => Body { sigma_s: Vec3::ZERO, sigma_a: Vec3::ZERO, ..b.clone() },
+        };
+        let bodies = glow.map(clear).collect();
         Some(Self { bodies, ..self.clone() })
     }
 

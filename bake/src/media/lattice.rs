@@ -94,7 +94,9 @@ impl Lattice {
         if !(low.cmplt(high).all() && 0.0 < pitch) {
             return None;
         }
-        pitch = pitch.max((high - low).max_element() / MOST_ALONG);
+        let least = (high - low).max_element() / MOST_ALONG;
+        let coarse = pitch < least;
+        pitch = pitch.max(least);
         let channels = media.channels();
         let size = ((high - low) / pitch).ceil().max(Vec3::ONE).as_usizevec3();
         let along = size + 2;
@@ -116,9 +118,12 @@ impl Lattice {
             }
         });
         let first = Mip { size, pitch, values };
-        let (least, most) = first.taken(channels)?;
         let corner = Vec3A::from(low);
-        let (low_taken, high_taken) = (corner + (least - 1.0) * pitch, corner + most * pitch);
+        // What is smaller than a cube may be in none of their middles.
+        let (low_taken, high_taken) = match first.taken(channels).filter(|_| !coarse) {
+            Some((least, most)) => (corner + (least - 1.0) * pitch, corner + most * pitch),
+            None => (corner, Vec3A::from(high)),
+        };
         let mut mips = vec![first];
         while let Some(last) = mips.last()
             && 1 < last.size.max_element()

@@ -17,8 +17,9 @@ use crate::geom::{Bvh, World};
 use crate::light::fires::Fires;
 use crate::light::{Direct, Lights};
 use crate::media::{Media, Responses};
+use crate::scene::density::most_bytes;
 use crate::scene::document::Document;
-use crate::scene::model::Scene;
+use crate::scene::model::{Rgb, Scene};
 pub use effects::Decision;
 pub use kernels::{Effect, Force, Kernels};
 pub use memory::Memory;
@@ -106,6 +107,14 @@ impl Tracing {
         };
         let many = matches!(mode, MediaMode::Attenuate | MediaMode::Bounded);
         let fires = media.as_ref().filter(|_| many).zip(tuning.fire).and_then(|(m, f)| Fires::new(m, f));
+        let (need, most) = (fires.as_ref().map_or(0, Fires::bytes), most_bytes() as u64);
+        if most < need {
+            return Err(Error::Usage(format!(
+                "--fire grid: the shadows of its lights take {:.1} GiB, and half of the machine's memory is {:.1} GiB; take a smaller --fire-alpha or --fire-depths, or --fire paths",
+                need as f64 / f64::from(1 << 30),
+                most as f64 / f64::from(1 << 30)
+            )));
+        }
         Ok(Self { world, bvh, lights, media, responses, fires, kernels })
     }
 }
@@ -146,6 +155,17 @@ pub fn make(
         .into());
     }
     let tracing = Tracing::tuned(&scene, settings.media, settings.direct, &settings.tuning, &settings.force)?;
+    if settings.fire().is_some()
+        && tracing.fires.is_none()
+        && scene.media.iter().any(|m| m.emission != Rgb::ZERO)
+    {
+        let what = "the light of media that emit is found by paths: one of them has no end, or none shines";
+        findings.push(Finding::warning(
+            "--fire grid",
+            what,
+            "give every medium that emits a `box` or a grid",
+        ));
+    }
     let seams = if settings.seams { Seams::find(&scene, &tracing.world, &atlas) } else { Seams::default() };
     Ok(Plan { scene, tracing, atlas, seams, settings, findings })
 }

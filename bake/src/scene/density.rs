@@ -188,7 +188,8 @@ pub(super) fn settle(
     out: &mut Findings,
 ) -> Vec<Medium> {
     let within_mesh = matches!(medium.region, Region::Mesh(_));
-    let settled = |medium: Medium, source, path: &str, out: &mut Findings| {
+    let absorbs = medium.sigma_a;
+    let settled = |medium: Medium, source, place, path: &str, out: &mut Findings| {
         let (density, unit_from_world) = placed(source, within_mesh, place, path, out)?;
         let region = match (medium.region, unit_from_world) {
             (Region::Everywhere, Some(unit_from_world)) => Region::Turned { unit_from_world },
@@ -196,9 +197,9 @@ pub(super) fn settle(
         };
         let medium = Medium { density, region, ..medium };
         let endless = medium.region == Region::Everywhere;
-        let clear = (medium.sigma_s + medium.sigma_a).cmpeq(Vec3::ZERO);
-        if endless && (clear & medium.emission.cmpgt(Vec3::ZERO)).any() {
-            let what = "the medium emits without end, and nothing dims it";
+        // What is only scattered is never gone.
+        if endless && (absorbs.cmpeq(Vec3::ZERO) & medium.emission.cmpgt(Vec3::ZERO)).any() {
+            let what = "the medium emits without end, and absorbs nothing of it";
             out.push(Finding::error(
                 path,
                 what,
@@ -207,6 +208,13 @@ pub(super) fn settle(
             return None;
         }
         Some(medium)
+    };
+    // Grids of one file are in one space: in a box, what emits is where it is in the grid of the medium's own density, which fills the box.
+    let beside = match (&source, place.world_from_unit) {
+        (Source::Grid(own), Some(unit)) => {
+            own.place().map(|space| unit * per_voxel(own) * space.inverse()).filter(Affine3A::is_finite)
+        }
+        _ => None,
     };
     let mut parts = Vec::new();
     for (i, glow) in glows.into_iter().enumerate() {
@@ -220,10 +228,17 @@ pub(super) fn settle(
             density: Density::Constant,
             region: medium.region.clone(),
         };
-        parts.extend(settled(part, source, &glow.path, out));
+        let place = match (&source, beside) {
+            (Source::Grid(grid), Some(world_from_space)) if grid.place().is_some() => {
+                Place { world_from_space, world_from_unit: None }
+            }
+            _ => place,
+        };
+        parts.extend(settled(part, source, place, &glow.path, out));
     }
     // What has nothing but grids that emit is these.
-    let own = if medium.acts() || parts.is_empty() { settled(medium, source, &path, out) } else { None };
+    let own =
+        if medium.acts() || parts.is_empty() { settled(medium, source, place, &path, out) } else { None };
     own.into_iter().chain(parts).collect()
 }
 
@@ -279,7 +294,7 @@ fn per_voxel(values: &Voxels) -> Affine3A {
 }
 
 /// Most that one grid may hold: half of the machine's memory, or 4 GiB where that is not known.
-fn most_bytes() -> usize {
+pub(crate) fn most_bytes() -> usize {
     let meminfo = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
     let kibibytes = meminfo
         .lines()

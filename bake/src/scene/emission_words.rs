@@ -84,6 +84,15 @@ fn one(value: &Value, path: &str, files: &mut Files<'_>, out: &mut Findings) -> 
         ));
         return Vec::new();
     };
+    let most = black_body::radiance(grid.most() * kelvin) * color;
+    if !most.is_finite() {
+        let what = format!(
+            "the light of {} K times strength is beyond what single precision holds",
+            grid.most() * kelvin
+        );
+        out.push(Finding::error(path, what, "lower kelvin or strength"));
+        return Vec::new();
+    }
     let list = channels(&grid, kelvin, color, path);
     if list.is_empty() {
         let most = grid.most() * kelvin;

@@ -155,9 +155,10 @@ fn medium(value: &Value, path: &str, files: &mut Files<'_>, out: &mut Findings) 
         None => Region::Everywhere,
     };
     let (sigma_s, sigma_a) = (sigma_s.unwrap_or_default() * factor, sigma_a.unwrap_or_default() * factor);
-    if !(sigma_s + sigma_a).is_finite() {
-        let what = format!("sigma times a density of {factor} is beyond what single precision holds");
-        out.push(Finding::error(place, what, "give sigma per metre, and a density near 1"));
+    if !((sigma_s + sigma_a).is_finite() && (own * factor).is_finite()) {
+        let what =
+            format!("sigma or emission times a density of {factor} is beyond what single precision holds");
+        out.push(Finding::error(place, what, "give both per metre, and a density near 1"));
         return None;
     }
     let medium = Medium {

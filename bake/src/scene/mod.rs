@@ -4,7 +4,7 @@ pub mod accessor;
 pub mod black_body;
 mod check;
 pub mod config;
-mod density;
+pub(crate) mod density;
 pub mod document;
 mod emission_words;
 mod findings;

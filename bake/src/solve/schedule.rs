@@ -226,10 +226,14 @@ impl Task<'_> {
         if n < 8 * TRIAL {
             return Ok(FIRST);
         }
+        if monitor.stopped() {
+            return Err(Error::Interrupted);
+        }
         let few = Task { map: &self.map.thinned(TRIAL), ..*self };
         let seconds = |paths| {
             let begin = Instant::now();
-            few.first(paths, small(paths, self.kernel.has_lamps_in_air()), monitor)?;
+            // Of its own: nothing of it is in the map.
+            few.first(paths, small(paths, self.kernel.has_lamps_in_air()), &Monitor::default())?;
             Ok::<f64, Error>(begin.elapsed().as_secs_f64() * n as f64 / few.map.texels.len() as f64)
         };
         // The first to touch the scene waits for memory.

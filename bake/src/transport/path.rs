@@ -206,7 +206,11 @@ impl<'a> Kernel<'a> {
             fires: tracing
                 .fires
                 .as_ref()
-                .filter(|_| matches!(media, MediaMode::Attenuate | MediaMode::Bounded)),
+                .filter(|_| matches!(media, MediaMode::Attenuate | MediaMode::Bounded))
+                // Whoever has a kernel may ask them.
+                .inspect(|fires| {
+                    fires.shadows();
+                }),
             scatters: media == MediaMode::Reference && tracing.media.as_ref().is_some_and(|m| !m.is_empty()),
             emitters_apart: false,
         }

@@ -33,6 +33,8 @@ pub struct Shadows {
 struct Maps {
     /// Texels along a face.
     side: usize,
+    /// Spacing, metres.
+    cell: f32,
     /// Radius of influence, metres.
     radius: f32,
     /// The nearest that the level counts, metres.
@@ -101,7 +103,8 @@ impl Shadows {
                 2.0 * level.radius
             };
             let side = side(level, shadows.smoke.pitch());
-            let mut maps = Maps { side, radius: level.radius, near, far, values: Vec::new() };
+            let mut maps =
+                Maps { side, cell: level.spacing, radius: level.radius, near, far, values: Vec::new() };
             let parts = if l == 0 { vec![Vec::new(); level.lights.len()] } else { hierarchy.parts(l) };
             let each = shadows.depths * shadows.smoke.channels();
             let texels = 6 * side * side;
@@ -135,8 +138,9 @@ impl Shadows {
         let channels = self.smoke.channels();
         let (mut depth, mut from) = (Vec3::ZERO, 0.0);
         // The light begins anywhere in its voxel, not in the middle: the mean over a line through it is larger than what the half of it leaves.
-        let own = self.within(light.position, direction, (0.0, 0.5 * self.smoke.pitch()));
-        let spread = own.map(|x| if x < 1e-3 { 1.0 } else { x.sinh() / x });
+        let own = self.within(light.position, direction, (0.0, 0.5 * maps.cell));
+        // (1 - e^-2x) / 2x instead of e^-x, x being what that half has.
+        let mean = own.map(|x| if x < 1e-3 { 1.0 - x } else { -(-2.0 * x).exp_m1() / (2.0 * x) });
         for (k, out) in out.chunks_mut(channels).enumerate() {
             let to = maps.place(k, self.depths);
             let left = match below {
@@ -146,7 +150,7 @@ impl Shadows {
                 _ => {
                     depth += self.within(light.position, direction, (from, to));
                     from = to;
-                    (-depth).exp() * spread
+                    (-(depth - own).max(Vec3::ZERO)).exp() * mean
                 }
             };
             for (c, out) in out.iter_mut().enumerate() {
