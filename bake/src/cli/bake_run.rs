@@ -335,8 +335,8 @@ impl Job<'_> {
         self.style.stage("plan", &announce(self.plan, self.memory));
         if let Some(fires) = &self.plan.tracing().fires {
             say::watch(self.style, "shadows of fire", 0, &baked.monitor, self.interrupt, || {
-                fires.shadows();
-                Ok::<(), Error>(())
+                fires.fill(&|| baked.monitor.stopped());
+                if baked.monitor.stopped() { Err(Error::Interrupted) } else { Ok(()) }
             })?;
             self.style.stage("fire", &levels(fires));
             self.watch.lap("fire");

@@ -97,8 +97,14 @@ impl Fires {
 
     /// The maps of shadows, filled when first asked for; `None` where there is no smoke.
     pub fn shadows(&self) -> Option<&Shadows> {
-        let fill =
-            || self.smoke.clone().map(|smoke| Shadows::new(&self.hierarchy, smoke, self.options.depths));
+        self.fill(&|| false)
+    }
+
+    /// The same; once `stopped` says so, what there is of them is of no use.
+    pub fn fill(&self, stopped: &(dyn Fn() -> bool + Sync)) -> Option<&Shadows> {
+        let fill = || {
+            self.smoke.clone().map(|smoke| Shadows::new(&self.hierarchy, smoke, self.options.depths, stopped))
+        };
         self.shadows.get_or_init(fill).as_ref()
     }
 

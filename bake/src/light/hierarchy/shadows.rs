@@ -86,9 +86,14 @@ pub fn sizes(hierarchy: &Hierarchy, smoke: &Lattice, depths: usize) -> Vec<Size>
 }
 
 impl Shadows {
-    /// Fills the maps, those of the finest level first.
+    /// Fills the maps, those of the finest level first; once `stopped` says so they stay as they are, and are of no use.
     #[must_use]
-    pub fn new(hierarchy: &Hierarchy, (smoke, grids): (Lattice, Media), depths: usize) -> Self {
+    pub fn new(
+        hierarchy: &Hierarchy,
+        (smoke, grids): (Lattice, Media),
+        depths: usize,
+        stopped: &(dyn Fn() -> bool + Sync),
+    ) -> Self {
         let levels = hierarchy.levels();
         let last = levels.len() - 1;
         let mut shadows = Self { smoke, grids, levels: Vec::new(), depths: depths.max(2) };
@@ -113,6 +118,9 @@ impl Shadows {
                 |((out, light), parts)| {
                     let below = l.checked_sub(1).map(|l| (l, &levels[l]));
                     for (k, out) in out.chunks_mut(each).enumerate() {
+                        if k % (side * side) == 0 && stopped() {
+                            return;
+                        }
                         let (face, y, x) = (k / (side * side), k / side % side, k % side);
                         let direction =
                             direction(face, Vec2::new(x as f32 + 0.5, y as f32 + 0.5) / side as f32);

@@ -201,7 +201,8 @@ mod shadows {
     fn maps_know_what_smoke_leaves_of_the_lights_they_stand_for() {
         let (media, lights) = (smoke(), fire());
         let h = Hierarchy::new(&lights, &Options { spacing: 0.2, ..options(2.0) });
-        let shadows = Shadows::new(&h, (Lattice::new(&media).expect("a lattice"), media.clone()), 4);
+        let shadows =
+            Shadows::new(&h, (Lattice::new(&media).expect("a lattice"), media.clone()), 4, &|| false);
         for (l, level) in h.levels().iter().enumerate() {
             let near = if l == 0 { 0.0 } else { h.levels()[l - 1].radius };
             let (mut sum, mut want, mut published) = (0.0, 0.0, 0.0);
