@@ -88,6 +88,40 @@ fn slivers_in_the_open_are_found_whatever_the_seed() {
     assert!(counts.iter().all(|c| *c == counts[0]), "{counts:?}");
 }
 
+/// Floor below a white body with a hole that a ray in a thousand finds: few rays say that it is dark, but it is not, and the bright floor
+/// around must not flow in there. Without the hole it is dark.
+#[test]
+fn a_dim_crevice_keeps_its_own_light() {
+    let filled = |hole: f32| {
+        let mut glb = Glb::new();
+        let mut floor = Shape::default();
+        floor.quad([[-2.0, 2.0], [2.0, 2.0], [2.0, -2.0], [-2.0, -2.0]].map(|[x, z]| Vec3::new(x, 0.0, z)));
+        let mut body = Shape::default();
+        body.cuboid([-0.51, -0.1, -0.51], [0.51, 1.0, 0.51], suite::shape::NO_TOP);
+        let lid: [[[f32; 2]; 2]; 4] = [
+            [[-0.51, hole], [0.51, 0.51]],
+            [[-0.51, -0.51], [0.51, -hole]],
+            [[-0.51, -hole], [-hole, hole]],
+            [[hole, -hole], [0.51, hole]],
+        ];
+        for [[x0, z0], [x1, z1]] in lid {
+            body.quad([[x0, z1], [x1, z1], [x1, z0], [x0, z0]].map(|[x, z]| Vec3::new(x, 1.0, z)));
+        }
+        let white = glb.material(&Material::matte("white", [1.0; 3]));
+        let sheet = glb.material(&Material::matte("sheet", [1.0; 3]).double_sided());
+        let mesh = glb.mesh("floor", &[(&floor, white)]);
+        glb.node(Node::new("floor").mesh(mesh));
+        let mesh = glb.mesh("body", &[(&body, sheet)]);
+        glb.node(Node::new("body").mesh(mesh).extras(json!({"lightmap": "off"})));
+        glb.scene_extra("sky", json!([1, 1, 1]));
+        let args = ["--samples", "8", "--texels-per-metre", "8", "--probes", "off"];
+        tool::baked(&glb.finish(), &args).manifest.counts.filled_texels
+    };
+    let (dim, dark) = (filled(0.02), filled(0.0));
+    println!("filled texels: {dim} of a dim floor, {dark} of a dark one");
+    assert!(40 <= dark && dim * 4 <= dark, "{dim}, {dark}");
+}
+
 /// A hollow panel is seen from outside, whichever way it is wound.
 #[test]
 fn a_panel_wound_inwards_shows_its_outside() {

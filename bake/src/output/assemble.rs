@@ -8,12 +8,7 @@ use crate::output::stitch::{self, Bits};
 use crate::plan::Plan;
 use crate::solve::directional::Direction;
 use crate::solve::lightmap::Solution;
-use crate::solve::visible::Validity;
-
-/// Rings around valid texels within which a texel that seems to lie inside a double-sided body is
-/// filled from them. Bicubic filters reach two texels; deeper ones keep their black, because a room
-/// without light looks the same from inside.
-const ENCLOSED_RINGS: usize = 2;
+use crate::solve::visible::{Validity, is_beside};
 
 /// Texels of the solution that are moved into the page before their memory is given back.
 const BATCH: usize = 1 << 16;
@@ -141,42 +136,19 @@ impl Sheet {
     fn fill(&mut self) -> (Filled, Bits) {
         let Self { page, charts, validity, .. } = self;
         let validity = std::mem::take(validity);
-        let near = near_valid(&validity, charts, page.width, page.height);
-        let valid: Vec<bool> = validity
-            .iter()
-            .zip(&near)
-            .map(|(v, near)| match v {
+        let beside_valid = |at: usize| {
+            let counts = |other: usize| charts[other] == charts[at] && validity[other] == Validity::Valid;
+            charts[at] != NO_CHART && is_beside([page.width, page.height], at, counts)
+        };
+        let valid: Vec<bool> = (0..validity.len())
+            .map(|at| match validity[at] {
                 Validity::Valid => true,
                 Validity::Hidden => false,
-                Validity::Enclosed => !near,
+                Validity::Enclosed => !beside_valid(at),
             })
             .collect();
-        drop((validity, near));
+        drop(validity);
         let gathered = Bits::of(valid.len(), |i| charts[i] != NO_CHART && valid[i]);
         (dilate::fill_invalid(page, charts, &valid), gathered)
     }
-}
-
-/// Which texels have a valid texel of their chart within [`ENCLOSED_RINGS`].
-fn near_valid(validity: &[Validity], charts: &[u32], width: usize, height: usize) -> Vec<bool> {
-    let mut near = vec![false; validity.len()];
-    if !validity.contains(&Validity::Enclosed) {
-        return near;
-    }
-    for y in 0..height {
-        for x in 0..width {
-            let at = y * width + x;
-            if charts[at] == NO_CHART || validity[at] != Validity::Enclosed {
-                continue;
-            }
-            let span = |c: usize, n: usize| c.saturating_sub(ENCLOSED_RINGS)..(c + ENCLOSED_RINGS + 1).min(n);
-            near[at] = span(y, height).any(|v| {
-                span(x, width).any(|u| {
-                    let j = v * width + u;
-                    charts[j] == charts[at] && validity[j] == Validity::Valid
-                })
-            });
-        }
-    }
-    near
 }

@@ -10,10 +10,11 @@ use crate::solve::accumulate::{Gate, Kind, Rejected, halves, mean_and_error};
 use crate::solve::audit::Audit;
 use crate::solve::facing::Facing;
 use crate::solve::monitor::{ErrorSums, Monitor};
-use crate::solve::visible::{Cells, Side, Validity, Visible, cell_index, receiver};
+use crate::solve::visible::{Cells, Side, Validity, Visible, cell_index, is_beside, receiver};
 use crate::transport::{Estimate, Kernel, Vertex};
 use glam::Vec3;
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Texels that one task does: enough to make scheduling free, few enough to share the work evenly
@@ -313,9 +314,81 @@ pub fn bake_page(
     if monitor.stopped() {
         return Err(Error::Interrupted);
     }
+    doubt_enclosed(kernel, atlas, map, page, &mut texels, monitor)?;
     let tally = tallies.into_iter().fold(Tally::default(), Tally::merge);
     let cost = Cost::new(tally.counted);
     Ok(Solution { texels, gate: tally.gate, cost, ..Solution::default() })
+}
+
+/// Asks texels that seem to be enclosed again, with as many rays as it takes, where it matters: beside texels in the open,
+/// from which they would be filled. A crevice that a few of a thousand rays leave is dim, but
+/// it is not dark.
+fn doubt_enclosed(
+    kernel: &Kernel<'_>,
+    atlas: &Atlas,
+    map: &TexelMap,
+    page: usize,
+    texels: &mut [Texel],
+    monitor: &Monitor,
+) -> Result<(), Error> {
+    let chart = |k: usize| map.chart(atlas, map.triangles_of(k)[0]);
+    let enclosed = |texels: &[Texel], k: usize| texels[k].validity == Validity::Enclosed;
+    let mut left: Vec<usize> = (0..texels.len()).filter(|&k| enclosed(texels, k)).collect();
+    if left.is_empty() {
+        return Ok(());
+    }
+    // Texels come tile by tile.
+    let mut rows: Vec<usize> = (0..texels.len()).collect();
+    rows.sort_unstable_by_key(|&k| map.texels[k]);
+    let find =
+        |at: usize| rows.binary_search_by_key(&at, |&k| map.texels[k] as usize).ok().map(|row| rows[row]);
+    let page_size = [map.width as usize, map.height as usize];
+    let mut side = None;
+    loop {
+        // One that turns out to be in the open has neighbours of its own.
+        let (beside, others): (Vec<usize>, Vec<usize>) = left.into_iter().partition(|&k| {
+            let counts = |j: usize| texels[j].validity == Validity::Valid && chart(j) == chart(k);
+            is_beside(page_size, map.texels[k] as usize, |at| find(at).is_some_and(counts))
+        });
+        let side = *side.get_or_insert(if beside.len() <= ALONE { 1 } else { GROUP });
+        let mut groups: BTreeMap<(u32, [u32; 2]), Vec<usize>> = BTreeMap::new();
+        for k in beside {
+            groups.entry((chart(k), map.position(k).map(|c| c / side))).or_default().push(k);
+        }
+        let lit: Vec<usize> = groups
+            .into_par_iter()
+            .filter(|_| !monitor.stopped())
+            .map_init(TexelSampler::default, |sampler, (_, group)| {
+                let mut tally = Tally::default();
+                let mut is_lit = |k: usize, paths: u32| {
+                    sampler.set(map, k);
+                    let id = Id { page, texel: map.texels[k], seed: 0 };
+                    let at = Place::again(kernel, sampler, id, &texels[k]);
+                    !is_dark(&at, [paths, u32::MAX], &mut tally)
+                };
+                // Together they ask as much as one that is alone; only where that finds light does each ask for itself.
+                let each = DARK.div_ceil(u32::try_from(group.len()).unwrap_or(DARK));
+                let found = if group.iter().any(|&k| is_lit(k, each)) {
+                    group.into_iter().filter(|&k| is_lit(k, DARK)).collect()
+                } else {
+                    Vec::new()
+                };
+                monitor.add(0, tally.looks);
+                found
+            })
+            .flatten()
+            .collect();
+        if monitor.stopped() {
+            return Err(Error::Interrupted);
+        }
+        if lit.is_empty() {
+            return Ok(());
+        }
+        for k in lit {
+            texels[k].validity = Validity::Valid;
+        }
+        left = others;
+    }
 }
 
 /// What happened in some texels.
@@ -395,13 +468,13 @@ fn texel(at: Place<'_>, crack: f32, n: [u32; 2], scratch: &mut Vec<Sample>, tall
 /// Decides which side of a texel and which parts of it are gathered, and whether it can be seen.
 fn settle<'a>(mut at: Place<'a>, crack: f32, tally: &mut Tally) -> (Place<'a>, Validity) {
     let mut visible = look_around(&mut at, crack, tally);
-    let mut dark = (visible.inside || at.can_turn()) && is_dark(&at, tally);
+    let mut dark = (visible.inside || at.can_turn()) && is_dark(&at, [DARK, DARK_RAYS], tally);
     if dark && at.can_turn() {
         // A sheet that shows its back to the room, as many files have them: where it is double-sided and
         // no light reaches its front, the light of its back is what anybody will see.
         let mut back = Place { side: Side::BackOfDoubleSided, may_turn: false, ..at };
         let seen = look_around(&mut back, crack, tally);
-        if !is_dark(&back, tally) {
+        if !is_dark(&back, [DARK, DARK_RAYS], tally) {
             (visible, at, dark) = (seen, back, false);
         }
     }
@@ -422,16 +495,16 @@ fn look_around(at: &mut Place<'_>, crack: f32, tally: &mut Tally) -> Visible {
     visible
 }
 
-/// Whether none of [`DARK`] paths finds light, or of as many as [`DARK_RAYS`] are enough for: where nothing is absorbed, one path looks
+/// Whether none of so many paths finds light, or of as many of them as so many rays are enough for: where nothing is absorbed, one path looks
 /// around as much as fifty elsewhere. They are the same whatever the seed and the number of samples, so that
 /// these do not decide which side of a surface counts; where there is light, the first of them mostly finds it.
-fn is_dark(at: &Place<'_>, tally: &mut Tally) -> bool {
+fn is_dark(at: &Place<'_>, [paths, enough]: [u32; 2], tally: &mut Tally) -> bool {
     // Nor does what becomes of media.
     let kernel = at.kernel.plain().in_clear_air();
     let key = sequence::key(0, DARKNESS + at.id.page as u64, u64::from(at.id.texel));
     let mut rays = 0;
-    (0..DARK).all(|i| {
-        if DARK_RAYS < rays {
+    (0..paths).all(|i| {
+        if enough < rays {
             return true;
         }
         let mut sequence = Sequence::new(key, i);
@@ -447,7 +520,14 @@ fn is_dark(at: &Place<'_>, tally: &mut Tally) -> bool {
 /// Paths that have to bring nothing before a texel counts as dark.
 const DARK: u32 = 64;
 
-/// See [`is_dark`].
+/// Most texels of a page that ask by themselves whether they are enclosed, which takes up to 20,000 rays each where nothing is
+/// absorbed. With more, squares of [`GROUP`] texels ask together.
+const ALONE: usize = 1024;
+
+/// See [`ALONE`]; texels.
+const GROUP: u32 = 16;
+
+/// Rays after which a texel counts as dark; see [`doubt_enclosed`].
 const DARK_RAYS: u32 = 512;
 
 /// The light of a texel from so many samples of suns and lamps and so many paths.

@@ -23,6 +23,17 @@ pub enum Validity {
     Enclosed,
 }
 
+/// Rings around texels in the open within which a texel that seems to lie inside a double-sided body is
+/// filled from them. Bicubic filters reach two texels; deeper ones keep their black, because a room
+/// without light looks the same from inside.
+const ENCLOSED_RINGS: usize = 2;
+
+/// Whether any texel of a page within [`ENCLOSED_RINGS`] of a texel is one that counts.
+pub(crate) fn is_beside([width, height]: [usize; 2], texel: usize, counts: impl Fn(usize) -> bool) -> bool {
+    let around = |c: usize, n: usize| c.saturating_sub(ENCLOSED_RINGS)..(c + ENCLOSED_RINGS + 1).min(n);
+    around(texel / width, height).any(|y| around(texel % width, width).any(|x| counts(y * width + x)))
+}
+
 /// Which side of a surface is gathered.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Side {
