@@ -88,7 +88,7 @@ fn slivers_in_the_open_are_found_whatever_the_seed() {
     assert!(counts.iter().all(|c| *c == counts[0]), "{counts:?}");
 }
 
-/// Floor below a white body with a hole that a ray in a thousand finds: few rays say that it is dark, but it is not, and the bright floor
+/// Floor below a white body with a hole that one ray in some thousands finds: few rays say that it is dark, but it is not, and the bright floor
 /// around must not flow in there. Without the hole it is dark.
 #[test]
 fn a_dim_crevice_keeps_its_own_light() {

@@ -321,7 +321,7 @@ pub fn bake_page(
 }
 
 /// Asks texels that seem to be enclosed again, with as many rays as it takes, where it matters: beside texels in the open,
-/// from which they would be filled. A crevice that a few of a thousand rays leave is dim, but
+/// from which they would be filled. A crevice that hardly any ray leaves is dim, but
 /// it is not dark.
 fn doubt_enclosed(
     kernel: &Kernel<'_>,
@@ -364,7 +364,8 @@ fn doubt_enclosed(
                     sampler.set(map, k);
                     let id = Id { page, texel: map.texels[k], seed: 0 };
                     let at = Place::again(kernel, sampler, id, &texels[k]);
-                    !is_dark(&at, [paths, u32::MAX], &mut tally)
+                    // A square can take seconds.
+                    !monitor.stopped() && !is_dark(&at, [paths, u32::MAX], &mut tally)
                 };
                 // Together they ask as much as one that is alone; only where that finds light does each ask for itself.
                 let each = DARK.div_ceil(u32::try_from(group.len()).unwrap_or(DARK));
