@@ -2,7 +2,7 @@
 
 use crate::geom::world::luminance;
 use crate::light::hierarchy::shadows::{Shadows, Size, sizes};
-use crate::light::hierarchy::{Build, GridLight, Hierarchy, Options, PointLight};
+use crate::light::hierarchy::{Blend, Build, GridLight, Hierarchy, Options, PointLight};
 use crate::media::Media;
 use crate::media::lattice::Lattice;
 use crate::scene::model::Rgb;
@@ -24,12 +24,14 @@ pub struct FireOptions {
     pub depths: usize,
     /// Where levels come from.
     pub build: Build,
+    /// How levels take over from each other.
+    pub blend: Blend,
 }
 
 impl Default for FireOptions {
-    /// As published.
+    /// As published, but for the blending.
     fn default() -> Self {
-        Self { alpha: 2.0, depths: 4, build: Build::FromLights }
+        Self { alpha: 2.0, depths: 4, build: Build::FromLights, blend: Blend::Conserving }
     }
 }
 
@@ -64,8 +66,8 @@ impl Fires {
         let mut spacing = 2.0 * side;
         let build = |lights: &[PointLight], spacing, levels| {
             let anchor = Vec3A::ZERO;
-            let (alpha, build) = (options.alpha, options.build);
-            Hierarchy::new(lights, &Options { spacing, alpha, levels, anchor, build, keep: 1.0 })
+            let FireOptions { alpha, build, blend, .. } = options;
+            Hierarchy::new(lights, &Options { spacing, alpha, levels, anchor, build, blend, keep: 1.0 })
         };
         while MOST_LIGHTS < lights.len() {
             let coarse = build(&lights, spacing, Some(1));
@@ -79,6 +81,7 @@ impl Fires {
             levels: None,
             anchor: Vec3A::ZERO,
             build: options.build,
+            blend: options.blend,
             keep: KEEP,
         };
         let hierarchy = Hierarchy::new(&lights, &all);

@@ -5,16 +5,19 @@
 //! at their centres of illumination (equation 2) and know how far what they stand for is spread (equations 4 and 5). What a level
 //! brings to a place fades in and out with the distance (section 3.2), so that nothing is decided by a threshold and nothing flickers.
 //!
-//! The blending functions are a partition of unity in one distance; each level's lights have their own, so that weights summed over levels
-//! are off by what differs between these: less with a larger alpha.
+//! The published blending functions are a partition of unity in one distance; each level's lights have their own, so that weights summed over levels
+//! are off by what differs between these: less with a larger alpha. Where smoke hides all but the near side of a fire this is no noise but a bias, because there each level's lights
+//! are deeper inside and so farther away than those of the level below. [`Blend::Conserving`] takes from each light what the lights above it have taken over of it by their
+//! own distances: then the weights of all that stands for a light sum to 1 everywhere.
 
+mod quick;
 pub mod shadows;
 #[cfg(test)]
 mod tests;
 
 use crate::geom::world::luminance;
 use crate::scene::model::Rgb;
-use glam::{DVec3, IVec3, Vec3A, ivec3};
+use glam::{DVec3, IVec3, Vec3A, Vec4, ivec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::ops::Range;
@@ -53,6 +56,16 @@ pub enum Build {
     FromBelow,
 }
 
+/// How a light fades where the level above takes over.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Blend {
+    /// By its own distance, as published.
+    Published,
+    /// By the distances of the lights above that have shares of it.
+    #[default]
+    Conserving,
+}
+
 /// How a hierarchy is built.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
@@ -66,6 +79,8 @@ pub struct Options {
     pub anchor: Vec3A,
     /// Where levels come from.
     pub build: Build,
+    /// How levels take over from each other.
+    pub blend: Blend,
     /// Part of the light of a level below the last that has to be kept; the weakest lights that make up the rest are left out.
     pub keep: f32,
 }
@@ -81,7 +96,13 @@ pub struct Level {
     pub lights: Vec<GridLight>,
     /// Lights that were left out, and the part of the level's light that they were.
     pub pruned: (usize, f64),
-    /// Lights by bins with sides of twice the radius.
+    /// From where on no light of it counts, metres; without bounds on the last.
+    pub reach: f32,
+    /// Which lights of the level above have shares of each: their place and the share. None on the last.
+    links: Vec<Vec4>,
+    /// For each light, where its links begin, and the distance of the farthest of them, metres.
+    above: Vec<(u32, f32)>,
+    /// Lights by bins as wide as it reaches.
     bins: HashMap<IVec3, Range<usize>>,
 }
 
@@ -92,6 +113,8 @@ pub struct Hierarchy {
     /// Distances below this count as this, metres.
     clamp: f32,
     anchor: Vec3A,
+    build: Build,
+    blend: Blend,
 }
 
 /// Most levels above the first: beyond that single precision ends.
@@ -149,11 +172,44 @@ impl Hierarchy {
             }
         }
         let last = all.len() - 1;
-        let levels = all.into_iter().enumerate().map(|(l, lights)| {
+        let places = |l: usize| -> HashMap<IVec3, Vec3A> {
+            all.get(l + 1).into_iter().flatten().map(|light| (light.vertex, light.position)).collect()
+        };
+        let above: Vec<_> = (0..=last).map(places).collect();
+        let mut hierarchy = Self {
+            levels: Vec::new(),
+            clamp: spacing(options.spacing, 0),
+            anchor: options.anchor,
+            build: options.build,
+            blend: options.blend,
+        };
+        for (l, lights) in all.into_iter().enumerate() {
             let keep = if l == last { 1.0 } else { options.keep };
-            Level::new(lights, spacing(options.spacing, l), options.alpha, keep)
-        });
-        Self { levels: levels.collect(), clamp: spacing(options.spacing, 0), anchor: options.anchor }
+            let (h, next) = (spacing(options.spacing, l), spacing(options.spacing, l + 1));
+            let links = |light: &GridLight| -> Vec<Vec4> {
+                let each = hierarchy.shared(l, light, next).into_iter();
+                each.filter_map(|(v, part)| above[l].get(&v).map(|p| p.extend(part))).collect()
+            };
+            let level = Level::new(lights, (h, options.alpha), (keep, options.blend), links);
+            hierarchy.levels.push(level);
+        }
+        hierarchy
+    }
+
+    /// The vertices of the level above, `next` apart, that have shares of a light of a level, and these.
+    ///
+    /// Shares of level 0 are those of its place. Of lights on vertices that are built of level 0 as well they are those of the vertex, wherever in its cells the light is: a trilinear weight of
+    /// the coarser grid is a sum of such of the finer one, with 1 for the vertex both have, and half of that for each axis along which it is beside.
+    fn shared(&self, level: usize, light: &GridLight, next: f32) -> Vec<(IVec3, f32)> {
+        if level == 0 || self.build == Build::FromBelow {
+            #[expect(clippy::cast_possible_truncation, reason = "a share")]
+            return trilinear(light.position, next, self.anchor).map(|(v, part)| (v, part as f32)).collect();
+        }
+        let odd = light.vertex & 1;
+        let below = light.vertex.div_euclid(IVec3::splat(2));
+        let part = 0.5f32.powi(odd.element_sum());
+        let corner = |k: i32| ivec3(k & 1, k >> 1 & 1, k >> 2 & 1);
+        (0..8).map(corner).filter(|c| c.cmple(odd).all()).map(|c| (below + c, part)).collect()
     }
 
     /// All levels, the finest first.
@@ -175,15 +231,37 @@ impl Hierarchy {
         let r = |l: usize| self.levels[l].radius;
         let rises = match level {
             0 => 1.0,
-            l => ((distance - r(l - 1)) / (r(l) - r(l - 1))).clamp(0.0, 1.0),
+            l => ramp(distance, r(l - 1), r(l)),
         };
-        let falls = if level + 1 == self.levels.len() {
-            1.0
-        } else {
-            1.0 - ((distance - r(level)) / (r(level + 1) - r(level))).clamp(0.0, 1.0)
-        };
+        let falls =
+            if level + 1 == self.levels.len() { 1.0 } else { 1.0 - ramp(distance, r(level), r(level + 1)) };
         // One of them is 1.
         rises.min(falls)
+    }
+
+    /// Weight of a light at a place that is so far away. Where levels are [`Blend::Conserving`] it may be less than 0, where lights above count although this one is too near to.
+    #[inline]
+    fn weight(&self, level: usize, number: usize, place: Vec3A, distance: f32) -> f32 {
+        if self.blend == Blend::Published || level + 1 == self.levels.len() {
+            return self.blend(level, distance);
+        }
+        let here = &self.levels[level];
+        let (first, apart) = here.above[number];
+        let (near, far) = (here.radius, self.levels[level + 1].radius);
+        let rises = match level {
+            0 => 1.0,
+            l => ramp(distance, self.levels[l - 1].radius, near),
+        };
+        if distance + apart <= near {
+            return rises;
+        }
+        if far <= distance - apart {
+            return 0.0;
+        }
+        let links = &here.links
+            [first as usize..here.above.get(number + 1).map_or(here.links.len(), |a| a.0 as usize)];
+        let taken = |link: &Vec4| link.w * ramp(Vec3A::from_vec4(*link).distance(place), near, far);
+        rises - links.iter().map(taken).sum::<f32>()
     }
 
     /// Calls `visit` with level, number in it, light, distance and weight of every light that counts at a place. In a fixed order.
@@ -195,8 +273,8 @@ impl Hierarchy {
                 for i in range {
                     let light = &level.lights[i];
                     let distance = light.position.distance(place);
-                    let weight = self.blend(l, distance);
-                    if 0.0 < weight {
+                    let weight = self.weight(l, i, place, distance);
+                    if weight != 0.0 {
                         visit(l, i, light, distance, weight);
                     }
                 }
@@ -205,7 +283,7 @@ impl Hierarchy {
                 each(0..level.lights.len());
                 continue;
             }
-            let side = level.bin();
+            let side = level.reach;
             let (low, high) = (bin(place - side, side), bin(place + side, side));
             for z in low.z..=high.z {
                 for y in low.y..=high.y {
@@ -226,11 +304,11 @@ impl Hierarchy {
         let numbers: HashMap<IVec3, usize> =
             here.lights.iter().enumerate().map(|(i, l)| (l.vertex, i)).collect();
         let mut parts = vec![Vec::new(); here.lights.len()];
-        for s in shares(below, here.spacing, self.anchor) {
-            if let Some(i) = numbers.get(&s.vertex) {
-                #[expect(clippy::cast_possible_truncation, reason = "a share")]
-                let part = s.part as f32 * luminance(below[s.light].intensity);
-                parts[*i].push((s.light, part));
+        for (child, light) in below.iter().enumerate() {
+            for (vertex, part) in self.shared(level - 1, light, here.spacing) {
+                if let Some(i) = numbers.get(&vertex) {
+                    parts[*i].push((child, part * luminance(light.intensity)));
+                }
             }
         }
         parts
@@ -257,29 +335,65 @@ impl Hierarchy {
     /// Bytes of lights and bins.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        let of = |l: &Level| l.lights.len() * size_of::<GridLight>() + l.bins.len() * 64;
+        let of = |l: &Level| {
+            l.lights.len() * size_of::<GridLight>()
+                + l.links.len() * 16
+                + l.above.len() * 8
+                + l.bins.len() * 64
+        };
         self.levels.iter().map(|l| of(l) as u64).sum()
     }
 }
 
+/// From 0 at `from` to 1 at `to`.
+#[inline]
+fn ramp(at: f32, from: f32, to: f32) -> f32 {
+    ((at - from) / (to - from)).clamp(0.0, 1.0)
+}
+
 impl Level {
-    fn new(mut lights: Vec<GridLight>, spacing: f32, alpha: f32, keep: f32) -> Self {
+    fn new(
+        mut lights: Vec<GridLight>,
+        (spacing, alpha): (f32, f32),
+        (keep, blend): (f32, Blend),
+        links: impl Fn(&GridLight) -> Vec<Vec4>,
+    ) -> Self {
         let pruned = prune(&mut lights, keep);
-        let mut level = Self { spacing, radius: alpha * spacing, lights, pruned, bins: HashMap::new() };
-        let side = level.bin();
+        let radius = alpha * spacing;
+        let apart = |l: &GridLight, links: &[Vec4]| {
+            links.iter().map(|p| l.position.distance(Vec3A::from_vec4(*p))).fold(0.0, f32::max)
+        };
+        let farthest = match blend {
+            Blend::Published => 0.0,
+            Blend::Conserving => lights.iter().map(|l| apart(l, &links(l))).fold(0.0, f32::max),
+        };
+        let side = 2.0 * radius + farthest;
         let key = |l: &GridLight| bin(l.position, side).to_array();
-        level.lights.sort_by_key(key);
+        lights.sort_by_key(key);
+        let mut level = Self {
+            spacing,
+            radius,
+            pruned,
+            reach: side,
+            links: Vec::new(),
+            above: Vec::new(),
+            bins: HashMap::new(),
+            lights,
+        };
+        if blend == Blend::Conserving {
+            for l in &level.lights {
+                let links = links(l);
+                #[expect(clippy::cast_possible_truncation, reason = "at most 8 of 100,000 lights")]
+                level.above.push((level.links.len() as u32, apart(l, &links)));
+                level.links.extend(links);
+            }
+        }
         let mut from = 0;
         for chunk in level.lights.chunk_by(|a, b| key(a) == key(b)) {
             level.bins.insert(bin(chunk[0].position, side), from..from + chunk.len());
             from += chunk.len();
         }
         level
-    }
-
-    /// Side of a bin: how far lights of the level reach.
-    fn bin(&self) -> f32 {
-        2.0 * self.radius
     }
 }
 
@@ -321,20 +435,25 @@ fn prune(lights: &mut Vec<GridLight>, keep: f32) -> (usize, f64) {
     (n, if 0.0 < total { sum / total } else { 0.0 })
 }
 
+/// The vertices `h` apart around a place, and the share that each has of what is there.
+fn trilinear(place: Vec3A, h: f32, anchor: Vec3A) -> impl Iterator<Item = (IVec3, f64)> {
+    let at = (place - anchor).as_dvec3() / f64::from(h);
+    let (cell, t) = (at.floor().as_ivec3(), at - at.floor());
+    (0..8).filter_map(move |corner: i32| {
+        let bits = ivec3(corner & 1, corner >> 1 & 1, corner >> 2 & 1);
+        let one = |bit: i32, t: f64| if bit == 1 { t } else { 1.0 - t };
+        let part = one(bits.x, t.x) * one(bits.y, t.y) * one(bits.z, t.z);
+        (0.0 < part).then_some((cell + bits, part))
+    })
+}
+
 /// The shares that vertices `h` apart have of lights, vertex by vertex, and for each in the order of the lights.
 fn shares(lights: &[GridLight], h: f32, anchor: Vec3A) -> Vec<Share> {
     let mut shares: Vec<Share> = lights
         .par_iter()
         .enumerate()
         .flat_map_iter(|(light, l)| {
-            let at = (l.position - anchor).as_dvec3() / f64::from(h);
-            let (cell, t) = (at.floor().as_ivec3(), at - at.floor());
-            (0..8).filter_map(move |corner: i32| {
-                let bits = ivec3(corner & 1, corner >> 1 & 1, corner >> 2 & 1);
-                let one = |bit: i32, t: f64| if bit == 1 { t } else { 1.0 - t };
-                let part = one(bits.x, t.x) * one(bits.y, t.y) * one(bits.z, t.z);
-                (0.0 < part).then_some(Share { vertex: cell + bits, light, part })
-            })
+            trilinear(l.position, h, anchor).map(move |(vertex, part)| Share { vertex, light, part })
         })
         .collect();
     // Stable.

@@ -5,8 +5,9 @@
 //! middle of what it stands for and crosses means of density. A fire that glows at its outside as well then loses most of its light, two fifths of it
 //! in a fireball of optical depth 3, because the mean of exponentials is above the exponential of the mean. So the maps of a level are means over the lights
 //! of the level below that it stands for, each along its own line and by its own map as far as that goes: continuous all the same, and right on every level.
-//! Such shadows are as soft as their lights are wide, so that texels need not be finer than an eighth of the spacing at the radius of influence.
+//! Such shadows are as soft as their lights are wide, so that texels need not be finer than two thirds of the spacing at the radius of influence.
 
+use crate::light::hierarchy::quick::{decay, power};
 use crate::light::hierarchy::{GridLight, Hierarchy, Level};
 use crate::media::Media;
 use crate::media::lattice::Lattice;
@@ -15,8 +16,9 @@ use glam::{Vec2, Vec3, Vec3A};
 use half::f16;
 use rayon::prelude::*;
 
-/// Texels along a face at most, in spacings of the level at its radius of influence on both sides.
-const MOST_ALONG: f32 = 8.0;
+/// Steps along a face at most, in spacings of the level at its radius of influence on both sides. Of a dense explosion of 64^3 voxels 3 and 2.5 bring 2.4 and 2.7 % of mean error on the walls of a
+/// room around it at alpha 2, in processor times of 9.4 and 7.1; 8 brought as much as 3.
+const MOST_ALONG: f32 = 2.5;
 
 /// Cube maps of all lights.
 #[derive(Clone, Debug)]
@@ -65,11 +67,11 @@ pub struct Size {
     pub bytes: u64,
 }
 
-/// Texels along the faces of a level.
+/// Texels along the faces of a level, from edge to edge.
 fn side(level: &Level, voxel: f32) -> usize {
-    let most = (MOST_ALONG * level.radius / level.spacing).ceil();
+    let most = (MOST_ALONG * level.radius / level.spacing).ceil() + 1.0;
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "limited")]
-    let side = (2.0 * level.radius / voxel).ceil().clamp(1.0, most) as usize;
+    let side = ((2.0 * level.radius / voxel).ceil() + 1.0).clamp(2.0, most) as usize;
     side
 }
 
@@ -103,9 +105,9 @@ impl Shadows {
             let far = if l == last {
                 // Without bounds, as far as the smoke goes.
                 let each = level.lights.iter().map(|light| shadows.smoke.farthest(light.position));
-                each.fold(2.0 * level.radius, f32::max)
+                each.fold(level.reach, f32::max)
             } else {
-                2.0 * level.radius
+                level.reach
             };
             let side = side(level, shadows.smoke.pitch());
             let mut maps =
@@ -122,8 +124,7 @@ impl Shadows {
                             return;
                         }
                         let (face, y, x) = (k / (side * side), k / side % side, k % side);
-                        let direction =
-                            direction(face, Vec2::new(x as f32 + 0.5, y as f32 + 0.5) / side as f32);
+                        let direction = direction(face, Vec2::new(x as f32, y as f32) / (side - 1) as f32);
                         shadows.texel(&maps, light, Stands { below, parts }, direction, out);
                     }
                 },
@@ -144,26 +145,27 @@ impl Shadows {
         out: &mut [f16],
     ) {
         let channels = self.smoke.channels();
-        let (mut depth, mut from) = (Vec3::ZERO, 0.0);
-        // The light begins anywhere in its voxel, not in the middle: the mean over a line through it is larger than what the half of it leaves.
-        let own = self.within(light.position, direction, (0.0, 0.5 * maps.cell));
-        // (1 - e^-2x) / 2x instead of e^-x, x being what that half has.
-        let mean = own.map(|x| if x < 1e-3 { 1.0 - x } else { -(-2.0 * x).exp_m1() / (2.0 * x) });
-        for (k, out) in out.chunks_mut(channels).enumerate() {
-            let to = maps.place(k, self.depths);
-            let left = match below {
-                Some(below) if !parts.is_empty() => {
-                    self.through(below, parts, (light.position, direction, to))
-                }
-                _ => {
-                    depth += self.within(light.position, direction, (from, to));
-                    from = to;
-                    (-(depth - own).max(Vec3::ZERO)).exp() * mean
-                }
-            };
-            for (c, out) in out.iter_mut().enumerate() {
+        let mut put = |k: usize, left: Rgb| {
+            for (c, out) in out[k * channels..(k + 1) * channels].iter_mut().enumerate() {
                 *out = f16::from_f32(left[c]);
             }
+        };
+        let Some(below) = below.filter(|_| !parts.is_empty()) else {
+            let (mut depth, mut from) = (Vec3::ZERO, 0.0);
+            // The light begins anywhere in its voxel, not in the middle: the mean over a line through it is larger than what the half of it leaves.
+            let own = self.within(light.position, direction, (0.0, 0.5 * maps.cell));
+            // (1 - e^-2x) / 2x instead of e^-x, x being what that half has.
+            let mean = own.map(|x| if x < 1e-3 { 1.0 - x } else { -(-2.0 * x).exp_m1() / (2.0 * x) });
+            for k in 0..self.depths {
+                let to = maps.place(k, self.depths);
+                depth += self.within(light.position, direction, (from, to));
+                from = to;
+                put(k, (-(depth - own).max(Vec3::ZERO)).exp() * mean);
+            }
+            return;
+        };
+        for k in 0..self.depths {
+            put(k, self.through(below, parts, (light.position, direction, maps.place(k, self.depths))));
         }
     }
 
@@ -189,7 +191,7 @@ impl Shadows {
             let ratio = from / distance.max(0.5 * spacing);
             let turned = ratio * ratio * direction.dot(line).max(0.0);
             if maps.far < distance {
-                here *= (-self.within(lights[i].position, direction, (maps.far, distance))).exp();
+                here *= self.within(lights[i].position, direction, (maps.far, distance)).map(decay);
             }
             left += weight * turned * here;
             all += weight;
@@ -204,7 +206,11 @@ impl Shadows {
         if end <= begin {
             return Vec3::ZERO;
         }
-        self.grids.optical_depth(origin + direction * begin, direction, end - begin)
+        let origin = origin + direction * begin;
+        if self.smoke.is_one_grid() {
+            return self.smoke.optical_depth(origin, direction, end - begin);
+        }
+        self.grids.optical_depth(origin, direction, end - begin)
     }
 
     /// Optical depth of a part of a ray through smoke that is filtered as wide as `width` says of distances.
@@ -239,23 +245,22 @@ impl Shadows {
         let maps = &self.levels[level];
         let channels = self.smoke.channels();
         let (face, uv) = face(direction);
-        let side = maps.side as f32;
-        // Between centres of texels; at the border of a face the last one counts.
-        let at = (uv * side - 0.5).clamp(Vec2::ZERO, Vec2::splat(side - 1.0));
-        let (low, t) = (at.floor(), at - at.floor());
+        // The outermost texels are on the edges of the face, where those of the next one are as well: nothing jumps there.
+        let at = uv.clamp(Vec2::ZERO, Vec2::ONE) * (maps.side - 1) as f32;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "indices")]
-        let (x, y) = (low.x as usize, low.y as usize);
+        let (x, y) = (at.x as usize, at.y as usize);
+        let t = at - Vec2::new(x as f32, y as f32);
         let (x1, y1) = ((x + 1).min(maps.side - 1), (y + 1).min(maps.side - 1));
         let (k, part) = maps.between(distance, self.depths);
         let first = (light * 6 + face) * maps.side * maps.side;
         let texel = |x: usize, y: usize, k: usize| {
             let at = ((first + y * maps.side + x) * self.depths + k) * channels;
             let v = &maps.values[at..at + channels];
-            Vec3::new(v[0].to_f32(), v[1].to_f32(), v[2].to_f32())
+            Vec3::new(widened(v[0]), widened(v[1]), widened(v[2]))
         };
         if channels == 1 {
             let texel = |x: usize, y: usize, k: usize| {
-                maps.values[(first + y * maps.side + x) * self.depths + k].to_f32()
+                widened(maps.values[(first + y * maps.side + x) * self.depths + k])
             };
             let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
             let one = |k: usize| {
@@ -266,8 +271,11 @@ impl Shadows {
                 )
             };
             let before = k.checked_sub(1).map_or(1.0, one);
-            let left =
-                if part == 0.0 || before <= 0.0 { before } else { before * (one(k) / before).powf(part) };
+            let left = if part == 0.0 || before <= 1e-30 {
+                before
+            } else {
+                before * power((one(k) / before).max(1e-30), part)
+            };
             return Vec3::splat(left);
         }
         let one = |k: usize| {
@@ -277,7 +285,11 @@ impl Shadows {
         };
         // Before the first distance there is the light.
         let before = k.checked_sub(1).map_or(Vec3::ONE, one);
-        if part == 0.0 { before } else { before * (one(k) / before.max(Vec3::splat(1e-30))).powf(part) }
+        if part == 0.0 {
+            return before;
+        }
+        let ratio = one(k) / before.max(Vec3::splat(1e-30));
+        before * ratio.map(|r| power(r.max(1e-30), part))
     }
 
     /// The same by marching through filtered smoke from the light, as published, at the time of asking: what the maps save.
@@ -324,6 +336,13 @@ impl Maps {
     }
 }
 
+/// A number of half precision that is not negative: moved to where single precision has exponent and digits, and scaled by the difference of
+/// exponents. The usual conversion asks at run time what the processor can, which takes longer than all the rest of a lookup.
+#[inline]
+fn widened(half: f16) -> f32 {
+    f32::from_bits(u32::from(half.to_bits()) << 13) * f32::from_bits(0x7780_0000)
+}
+
 /// The direction of a place on a face: +x, -x, +y, -y, +z, -z.
 fn direction(face: usize, uv: Vec2) -> Vec3A {
     let (a, b) = (2.0 * uv.x - 1.0, 2.0 * uv.y - 1.0);
@@ -360,6 +379,15 @@ mod tests {
     use super::*;
     use crate::sample::Sequence;
     use crate::sample::warp::Frame;
+
+    /// All numbers of half precision that are not negative.
+    #[test]
+    fn halves_are_widened_exactly() {
+        for bits in 0..=f16::MAX.to_bits() {
+            let half = f16::from_bits(bits);
+            assert_eq!(widened(half), half.to_f32(), "{bits:#x}");
+        }
+    }
 
     /// Directions are on the face and at the place that they came from.
     #[test]

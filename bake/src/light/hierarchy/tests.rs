@@ -19,7 +19,15 @@ fn cloud(n: u32, seed: u64) -> Vec<PointLight> {
 }
 
 fn options(alpha: f32) -> Options {
-    Options { spacing: 0.25, alpha, levels: None, anchor: Vec3A::ZERO, build: Build::FromLights, keep: 1.0 }
+    Options {
+        spacing: 0.25,
+        alpha,
+        levels: None,
+        anchor: Vec3A::ZERO,
+        build: Build::FromLights,
+        blend: Blend::Conserving,
+        keep: 1.0,
+    }
 }
 
 /// Weights of all levels sum to 1 at any one distance.
@@ -38,6 +46,44 @@ fn blending_functions_are_a_partition_of_unity() {
             assert_eq!(h.blend(l, 2.0 * h.levels()[l].radius), 0.0);
         }
     }
+}
+
+/// Weights of all that stands for a light sum to 1 at any place: those of all lights, weighted by intensity, to all intensity. The published ones do not.
+#[test]
+fn what_levels_take_over_adds_up() {
+    for (build, alpha) in [Build::FromLights, Build::FromBelow].into_iter().zip([1.0, 2.5]) {
+        for seed in 1..4 {
+            let lights = cloud(400, seed);
+            let h = Hierarchy::new(&lights, &Options { build, ..options(alpha) });
+            let total: f32 = lights.iter().map(|l| luminance(l.intensity)).sum();
+            for i in 0..200u32 {
+                let [a, b, c, _] = Sequence::new(17, i).next4();
+                let mut sum = 0.0;
+                h.visit(Vec3A::new(a, b, c) * 12.0 - 4.0, |_, _, l, _, weight| {
+                    sum += weight * luminance(l.intensity);
+                });
+                assert!((sum / total - 1.0).abs() < 2e-5, "{build:?} {alpha} {seed} {i}: {sum} of {total}");
+            }
+        }
+    }
+    let lights = cloud(2000, 5);
+    let total: f32 = lights.iter().map(|l| luminance(l.intensity)).sum();
+    let mut off = Vec::new();
+    for alpha in [1.0, 2.0, 4.0, 8.0, 16.0] {
+        let h = Hierarchy::new(&lights, &Options { blend: Blend::Published, ..options(alpha) });
+        let mut worst = 0.0f32;
+        for i in 0..400u32 {
+            let [a, b, c, _] = Sequence::new(17, i).next4();
+            let mut sum = 0.0;
+            h.visit(Vec3A::new(a, b, c) * 12.0 - 4.0, |_, _, l, _, weight| {
+                sum += weight * luminance(l.intensity);
+            });
+            worst = worst.max((sum / total - 1.0).abs());
+        }
+        off.push(worst);
+    }
+    println!("published weights off from 1 at alpha 1, 2, 4, 8, 16: {off:?}");
+    assert!(off[4] < off[0] && 0.01 < off[0], "{off:?}");
 }
 
 /// Every level has all of the light, and the same centre of it; each light of it is within the eight cells around its vertex, which are two
@@ -107,28 +153,38 @@ fn weak_lights_are_left_out_below_the_last_level() {
     assert!(50 < h.levels()[0].pruned.0);
 }
 
-/// The larger alpha, the nearer to a sum over all lights, with the same clamp of distances.
+/// The larger alpha, the nearer to a sum over all lights, with the same clamp of distances: on surfaces that face the middle of the lights, and from all around.
 #[test]
 fn the_error_falls_with_alpha() {
     let lights = cloud(2000, 5);
-    let error = |alpha: f32| {
-        let h = Hierarchy::new(&lights, &options(alpha));
-        let (mut worst, mut mean) = (0.0f32, 0.0);
-        for i in 0..200u32 {
-            let [a, b, c, _] = Sequence::new(99, i).next4();
-            let place = Vec3A::new(a, b, c) * 8.0 - 2.0;
-            let want: f32 =
-                lights.iter().map(|l| luminance(l.intensity) * h.falloff(l.position.distance(place))).sum();
-            let off = (luminance(h.unshadowed(place)) / want - 1.0).abs();
-            worst = worst.max(off);
-            mean += f64::from(off) / 200.0;
-        }
-        (mean, worst)
-    };
-    let curve = [1.0, 2.0, 4.0, 8.0, 16.0].map(error);
-    println!("mean and worst error at alpha 1, 2, 4, 8, 16: {curve:?}");
-    assert!(curve.windows(2).all(|w| w[1].0 < 0.7 * w[0].0), "{curve:?}");
-    assert!(curve[1].0 < 0.02 && curve[4].0 < 1e-3, "{curve:?}");
+    for (blend, most) in [(Blend::Conserving, 0.02), (Blend::Published, 0.05)] {
+        let error = |alpha: f32| {
+            let h = Hierarchy::new(&lights, &Options { blend, ..options(alpha) });
+            let (mut facing, mut around) = (0.0, 0.0);
+            for i in 0..200u32 {
+                let [a, b, c, _] = Sequence::new(99, i).next4();
+                let place = Vec3A::new(a, b, c) * 8.0 - 2.0;
+                let normal = (Vec3A::splat(2.0) - place).normalize();
+                let cos = |p: Vec3A| (p - place).normalize().dot(normal).max(0.0);
+                let (mut sums, mut want) = ([0.0; 2], [0.0; 2]);
+                h.visit(place, |_, _, l, d, w| {
+                    let all = luminance(l.intensity) * w * h.falloff(d);
+                    sums = [sums[0] + all * cos(l.position), sums[1] + all];
+                });
+                for l in &lights {
+                    let all = luminance(l.intensity) * h.falloff(l.position.distance(place));
+                    want = [want[0] + all * cos(l.position), want[1] + all];
+                }
+                facing += f64::from((sums[0] / want[0] - 1.0).abs()) / 200.0;
+                around += f64::from((sums[1] / want[1] - 1.0).abs()) / 200.0;
+            }
+            (facing, around)
+        };
+        let curve = [1.0, 2.0, 4.0, 8.0, 16.0].map(error);
+        println!("{blend:?}: mean error at alpha 1, 2, 4, 8, 16, facing and from all around: {curve:?}");
+        assert!(curve.windows(2).all(|w| w[1].0 < 0.7 * w[0].0 && w[1].1 < 0.7 * w[0].1), "{curve:?}");
+        assert!(curve[1].0 < most && curve[4].0 < 1e-3, "{curve:?}");
+    }
 }
 
 /// A light that moves by a thousandth of a cell changes what arrives by about as much, and never jumps.
