@@ -142,7 +142,7 @@ impl Posts {
         let mesh = glb.mesh("posts", &[(&shape, grey)]);
         glb.node(Node::new("posts").mesh(mesh));
         let document = Document::from_bytes("posts.glb", &glb.finish(), None)?;
-        let options = LoadOptions { light_units: LightUnits::Gltf, sky: None };
+        let options = LoadOptions { light_units: LightUnits::Gltf, ..LoadOptions::default() };
         let (scene, _) = load(&document, &Config::default(), &options);
         let tracing = Tracing::new(&scene, MediaMode::Off, Direct::Auto)?;
         let mut u = Numbers(1);

@@ -130,7 +130,7 @@ impl Divided {
             glb.node(Node::new(name).mesh(mesh));
         }
         let document = Document::from_bytes("divided.glb", &glb.finish(), None).expect("a scene");
-        let options = LoadOptions { light_units: LightUnits::Gltf, sky: None };
+        let options = LoadOptions { light_units: LightUnits::Gltf, ..LoadOptions::default() };
         let (scene, _) = load(&document, &Config::default(), &options);
         let tracing = Tracing::new(&scene, MediaMode::Off, Direct::Auto).expect("a tree");
         let mut lights = vec![TreeLight { min: LAMP, max: LAMP, intensity: 1.0, shine: Shine::Everywhere }];

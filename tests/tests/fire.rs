@@ -120,7 +120,8 @@ fn a_glowing_grid_lights_the_floor_as_its_volume_does() {
 fn lit_room(sigma: f32, args: &[&str]) -> (Vec<f64>, f64) {
     let dir = tool::folder_with(&fire::dark_room());
     let config = dir.path().join("fire.toml");
-    std::fs::write(&config, fire::explosion(24, 0.5).write(dir.path(), (20_000.0, sigma))).expect("a file");
+    std::fs::write(&config, fire::explosion(24, 0.5).write(dir.path(), (20_000.0, sigma), None))
+        .expect("a file");
     let fixed = ["run", "scene.glb", "-o", "out", "--config", "fire.toml", "--texels-per-metre", "3"];
     let plain = ["--probes", "off", "--seams", "off", "--media", "attenuate", "--progress", "none"];
     let _ = tool::bake(&[&fixed[..], &plain, args].concat(), dir.path()).expect(0);
@@ -137,15 +138,53 @@ fn lit_room(sigma: f32, args: &[&str]) -> (Vec<f64>, f64) {
     (texels, mean)
 }
 
-/// A fireball as a lighting grid hierarchy, against directions and places that are chosen for what it emits: within 1 % where hardly anything dims it. In dense smoke it is up to
-/// a tenth too bright, because the lights of two levels on the near side, from which most of the light comes, count for more than 1 together.
+/// A fireball as a lighting grid hierarchy, against directions and places that are chosen for what it emits: within 1 % where hardly anything dims it, and 4 % in
+/// dense smoke.
 #[test]
 fn a_hierarchy_of_lights_is_as_bright_as_the_fire() {
-    for (sigma, most) in [(0.004, 0.01), (4.0, 0.12)] {
+    for (sigma, most) in [(0.004, 0.01), (4.0, 0.04)] {
         let (want, mean) = lit_room(sigma, &["--samples", "1024", "--fire", "paths"]);
         let (got, own) = lit_room(sigma, &["--samples", "128", "--fire", "grid"]);
         let off = want.iter().zip(&got).map(|(a, b)| (a - b).abs()).sum::<f64>() / (mean * want.len() as f64);
         println!("sigma {sigma}: mean {:+.2} %, texels {:.2} % off", 100.0 * (own / mean - 1.0), 100.0 * off);
         assert!((own / mean - 1.0).abs() < most, "{own} of {mean}");
     }
+}
+
+/// Frames are baked one after the other into folders of their own, each as it is alone; frames that are not there leave those that are.
+#[test]
+fn frames_of_a_sequence_are_baked_as_they_are_alone() {
+    let dir = tool::folder_with(&fire::dark_room());
+    let mut config = String::new();
+    for k in 2..=4u8 {
+        config = fire::explosion(12, 0.15 * f32::from(k)).write(dir.path(), (2e4, 4.0), Some(u32::from(k)));
+    }
+    std::fs::write(dir.path().join("fire.toml"), config).expect("a file");
+    let fixed = ["run", "scene.glb", "--config", "fire.toml", "--texels-per-metre", "2", "--samples", "8"];
+    let more = ["--probes", "off", "--media", "attenuate", "--fire", "grid", "--progress", "none"];
+    let args = |own: &[&'static str]| [&fixed[..], &more, own].concat();
+    let _ = tool::bake(&args(&["-o", "all", "--frames", "2..4"]), dir.path()).expect(0);
+    let _ = tool::bake(&args(&["-o", "alone", "--frame", "3"]), dir.path()).expect(0);
+    let read = |path: &str| std::fs::read(dir.path().join(path)).expect("a file");
+    assert!(read("all/frame-0003/lightmap-0.exr") == read("alone/lightmap-0.exr"), "a frame alone differs");
+    assert!(read("all/frame-0002/lightmap-0.exr") != read("alone/lightmap-0.exr"), "frames are alike");
+    let json: serde_json::Value = serde_json::from_slice(&read("all/frames.json")).expect("JSON");
+    let list = json["frames"].as_array().expect("a list");
+    assert_eq!(list.iter().map(|f| f["frame"].as_u64()).collect::<Vec<_>>(), [Some(2), Some(3), Some(4)]);
+    assert!(list[0]["change"].is_null() && 0.0 < list[2]["change"]["rms"].as_f64().expect("a number"));
+    // Without a number, and with one too many.
+    let none = tool::bake(&args(&["-o", "none"]), dir.path()).expect(2);
+    assert!(
+        none.stderr.contains("media[0].density.raw") && none.stderr.contains("--frames"),
+        "{}",
+        none.stderr
+    );
+    let many = tool::bake(&args(&["-o", "many", "--frames", "4..5"]), dir.path()).expect(2);
+    assert!(many.stderr.contains("smoke.0005.raw"), "{}", many.stderr);
+    let left: serde_json::Value = serde_json::from_slice(&read("many/frames.json")).expect("JSON");
+    assert_eq!(left["frames"].as_array().map(Vec::len), Some(1));
+    assert!(
+        dir.path().join("many/frame-0004/manifest.json").is_file()
+            && !dir.path().join("many/frame-0005").exists()
+    );
 }

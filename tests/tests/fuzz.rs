@@ -300,7 +300,7 @@ fn config(dice: &mut Dice) -> String {
 
 /// Loads, plans and gathers a few paths; says how far it got.
 fn attempt(name: &str, bytes: &[u8], folder: Option<&Path>, config: Option<&str>) -> &'static str {
-    let (config, mut findings) = match config.map(|text| Config::parse("bake.toml", text, None)) {
+    let (config, mut findings) = match config.map(|text| Config::parse("bake.toml", text, None, None)) {
         None => (Config::default(), Vec::new()),
         Some(Ok(parsed)) => parsed,
         Some(Err(_)) => return "configuration refused",

@@ -61,6 +61,9 @@ pub(crate) struct SceneArgs {
     /// How the file's light intensities are meant [default: gltf]
     #[arg(long, value_enum)]
     pub(crate) light_units: Option<LightUnitsArg>,
+    /// Number that stands for `#` in the names of volume files: of `smoke.####.vdb` frame 12 is `smoke.0012.vdb`
+    #[arg(long, value_name = "N")]
+    pub(crate) frame: Option<u32>,
 }
 
 /// What decides how much is computed.
@@ -192,6 +195,22 @@ pub(crate) enum FireArg {
     Paths,
 }
 
+/// The first and the last of some frames.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Frames {
+    pub(crate) first: u32,
+    pub(crate) last: u32,
+}
+
+fn frames(text: &str) -> Result<Frames, String> {
+    let both = text.split_once("..").and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
+    match both {
+        Some((first, last)) if first <= last => Ok(Frames { first, last }),
+        Some((first, last)) => Err(format!("{first} is after {last}")),
+        None => Err("write the first and the last frame, such as 1..24".to_owned()),
+    }
+}
+
 fn alpha(text: &str) -> Result<f32, String> {
     let x: f32 = text.parse().map_err(|e| format!("{e}"))?;
     if (1.0..=64.0).contains(&x) { Ok(x) } else { Err("write a number from 1 to 64".to_owned()) }
@@ -247,6 +266,9 @@ pub(crate) struct RunArgs {
     /// Folder to write [default: the scene's name + .bake]
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: Option<PathBuf>,
+    /// Bake each of these frames into a folder of its own, `frame-0001` and so on, and say how much the light changes from each to the next
+    #[arg(long, value_name = "A..B", value_parser = frames, conflicts_with_all = ["frame", "replay"])]
+    pub(crate) frames: Option<Frames>,
     #[command(flatten)]
     pub(crate) settings: SettingsArgs,
     /// Gather so many texels again by paths that approximate nothing, media and cache and bounces included, and say by how much the

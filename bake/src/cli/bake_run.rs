@@ -1,6 +1,7 @@
 //! `bake run`.
 
-use crate::cli::args::RunArgs;
+use crate::cli::args::{RunArgs, SceneArgs};
+use crate::cli::frames;
 use crate::cli::input::{self, Input};
 use crate::cli::prepare::{Stages, effort, kernel, learn, wanted_probes};
 use crate::cli::replay;
@@ -36,17 +37,35 @@ use std::time::{Duration, Instant};
 use tables::format::manifest::{Denoised, ErrorFigure, Manifest, Samples, Timings};
 
 pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Error> {
+    match args.frames {
+        None => one(args, None, interrupt).map(|(code, _)| code),
+        Some(frames) => frames::run(args, frames, interrupt),
+    }
+}
+
+/// Bakes a scene, or a frame of it into a folder within that of the scene. Returns which.
+pub(super) fn one(
+    args: &RunArgs,
+    frame: Option<u32>,
+    interrupt: &Interrupt,
+) -> Result<(ExitCode, PathBuf), Error> {
     if args.resume || args.shard.is_some() || args.of.is_some() {
         return Err(Error::Usage(
             "--resume, --shard and --of are reserved: this version bakes in one run".to_owned(),
         ));
     }
     let mut watch = Stopwatch::start();
-    let input = input::load(&args.scene)?;
+    let input = match frame {
+        None => input::load(&args.scene)?,
+        frame => input::load(&SceneArgs { frame, ..args.scene.clone() })?,
+    };
     say::findings(&input.findings, false);
     plan::admit(&input.findings)?;
     let settings = input::settings(&args.settings, &input.run, (&input.scene, &input.document))?;
-    let folder = folder(args, &input);
+    let mut folder = folder(args, &input);
+    if let Some(n) = frame {
+        folder.push(frames::folder(n));
+    }
     let progress = match (args.work.progress, &input.run.progress) {
         (None, Some(text)) => Some(input::progress(text)?),
         (p, _) => p,
@@ -63,7 +82,7 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
         let what = "--audit takes as long as its texels need, and has no share of --time-budget; take --quality, --samples or --target-error";
         return Err(Error::Usage(what.to_owned()));
     }
-    pool.install(|| {
+    let code = pool.install(|| {
         // A replay writes nothing.
         let staging = args.replay.is_none().then(|| Staging::begin(&folder)).transpose()?;
         watch.lap("load");
@@ -134,7 +153,8 @@ pub(crate) fn run(args: &RunArgs, interrupt: &Interrupt) -> Result<ExitCode, Err
             say::findings(&[Finding::warning("--time-budget", what, fix)], false);
         }
         Ok(ExitCode::SUCCESS)
-    })
+    })?;
+    Ok((code, folder))
 }
 
 fn folder(args: &RunArgs, input: &Input) -> PathBuf {

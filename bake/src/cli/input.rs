@@ -41,7 +41,7 @@ pub(crate) struct Input {
 /// If a file cannot be read at all.
 pub(crate) fn load(args: &SceneArgs) -> Result<Input, Error> {
     let (config, mut findings) = match &args.config {
-        Some(path) => Config::open(path)?,
+        Some(path) => Config::open(path, args.frame)?,
         None => (Config::default(), Vec::new()),
     };
     let document = match &args.scene {
@@ -71,7 +71,7 @@ pub(crate) fn load(args: &SceneArgs) -> Result<Input, Error> {
         LightUnitsArg::BlenderRaw => LightUnits::BlenderRaw,
         LightUnitsArg::BlenderUnitless => LightUnits::BlenderUnitless,
     };
-    let (scene, more) = gltf::load(&document, &config, &LoadOptions { light_units, sky });
+    let (scene, more) = gltf::load(&document, &config, &LoadOptions { light_units, sky, frame: args.frame });
     findings.extend(more);
     findings.extend(crate::media::findings(&scene));
     findings.sort_by_key(|f| std::cmp::Reverse(f.severity));

@@ -8,6 +8,7 @@ mod args;
 mod bake_run;
 mod check;
 mod compare;
+mod frames;
 mod html;
 mod input;
 mod points;

@@ -30,6 +30,7 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
         config: args.config.clone(),
         sky: args.sky.clone(),
         light_units: args.light_units,
+        frame: None,
     };
     let mut file = read(&args.points)?;
     let points = parse(&file, &args.points)?;

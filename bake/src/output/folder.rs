@@ -122,6 +122,15 @@ impl Drop for Staging {
     }
 }
 
+/// Writes a file beside bakes: the old one, if there is one, stays until the new one is complete.
+///
+/// # Errors
+/// [`Error::Io`], as when the disk is full.
+pub fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
+    let new = path.with_extension("new");
+    fs::write(&new, bytes).and_then(|()| fs::rename(&new, path)).map_err(Error::io(path, "cannot write"))
+}
+
 /// Path of the file `name` of the bake in `folder`, also where a crash kept it from its final place.
 #[must_use]
 pub fn resolve(folder: &Path, name: &str) -> PathBuf {

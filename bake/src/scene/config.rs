@@ -118,13 +118,13 @@ impl Config {
     /// # Errors
     /// [`Error::Io`] where it cannot be read, [`Error::Input`] where it is not TOML. Wrong words
     /// and values are findings, errors among them.
-    pub fn open(path: &Path) -> Result<(Self, Vec<Finding>), Error> {
+    pub fn open(path: &Path, frame: Option<u32>) -> Result<(Self, Vec<Finding>), Error> {
         let bytes = fs::read(path).map_err(Error::io(path, "cannot read"))?;
         let name =
             path.file_name().map_or_else(|| "bake.toml".to_owned(), |n| n.to_string_lossy().into_owned());
         let text = std::str::from_utf8(&bytes)
             .map_err(|e| Finding::error(&name, format!("not UTF-8: {e}"), "save the file as UTF-8"))?;
-        let (mut config, findings) = Self::parse(&name, text, path.parent())?;
+        let (mut config, findings) = Self::parse(&name, text, path.parent(), frame)?;
         config.inputs.insert(0, InputFile::new(&name, &bytes));
         Ok((config, findings))
     }
@@ -133,7 +133,12 @@ impl Config {
     ///
     /// # Errors
     /// [`Error::Input`] where it is not TOML.
-    pub fn parse(name: &str, text: &str, base_dir: Option<&Path>) -> Result<(Self, Vec<Finding>), Error> {
+    pub fn parse(
+        name: &str,
+        text: &str,
+        base_dir: Option<&Path>,
+        frame: Option<u32>,
+    ) -> Result<(Self, Vec<Finding>), Error> {
         let table: toml::Table = toml::from_str(text).map_err(|e| {
             let what = e.to_string().lines().collect::<Vec<_>>().join("\n    ");
             Finding::error(name, format!("not TOML: {what}"), "correct the syntax")
@@ -142,7 +147,11 @@ impl Config {
         let mut out = Findings::default();
         let mut config = Self::default();
         if let Some(mut t) = Table::new(&value, "", &mut out) {
-            config.scene = SceneWords::from_table(&mut t, base_dir, &mut config.inputs, &mut out);
+            config.scene = SceneWords::from_table(
+                &mut t,
+                &mut Files { dir: base_dir, inputs: &mut config.inputs, frame },
+                &mut out,
+            );
             if let Some(run) = t.get("run") {
                 config.run = RunConfig::read(run, &mut out);
             }
@@ -185,12 +194,7 @@ fn texels_per_metre(t: &mut Table<'_>, out: &mut Findings) -> Option<f32> {
 }
 
 impl SceneWords {
-    fn from_table(
-        t: &mut Table<'_>,
-        dir: Option<&Path>,
-        inputs: &mut Vec<InputFile>,
-        out: &mut Findings,
-    ) -> Self {
+    fn from_table(t: &mut Table<'_>, files: &mut Files<'_>, out: &mut Findings) -> Self {
         let lamps = match t.get("lamps") {
             None => Vec::new(),
             Some(Value::Array(list)) => {
@@ -202,31 +206,25 @@ impl SceneWords {
                 Vec::new()
             }
         };
-        let sky = t.get("sky").and_then(|v| sky::word(v, &t.at("sky"), dir, inputs, out));
+        let sky = t.get("sky").and_then(|v| sky::word(v, &t.at("sky"), files.dir, files.inputs, out));
         Self {
             lamps,
             sky,
             texels_per_metre: texels_per_metre(t, out),
             metals_black: t.flag("metals_black", out),
             probes: probes(t, out),
-            media: media(t, &mut Files { dir, inputs }, out),
+            media: media(t, files, out),
         }
     }
 
     /// Reads `scene.extras`.
-    pub(crate) fn read(
-        value: &Value,
-        path: &str,
-        dir: Option<&Path>,
-        inputs: &mut Vec<InputFile>,
-        out: &mut Findings,
-    ) -> Self {
+    pub(super) fn read(value: &Value, path: &str, files: &mut Files<'_>, out: &mut Findings) -> Self {
         // Extras may be anything; only objects hold words.
         if !value.is_object() {
             return Self::default();
         }
         let Some(mut t) = Table::new(value, path, out) else { return Self::default() };
-        let words = Self::from_table(&mut t, dir, inputs, out);
+        let words = Self::from_table(&mut t, files, out);
         t.finish(true, MEDIUM_PREFIX, out);
         words
     }
@@ -446,7 +444,7 @@ mod tests {
     use crate::scene::model::Region;
 
     fn parse(text: &str) -> (Config, Vec<Finding>) {
-        Config::parse("bake.toml", text, None).expect("TOML")
+        Config::parse("bake.toml", text, None, None).expect("TOML")
     }
 
     #[test]
@@ -543,7 +541,7 @@ mod tests {
             assert!(!errors.is_empty(), "{text}");
             assert_eq!(errors[0].path, place, "{text}");
         }
-        assert!(Config::parse("bake.toml", "= 1", None).is_err());
+        assert!(Config::parse("bake.toml", "= 1", None, None).is_err());
     }
 
     #[test]

@@ -17,6 +17,15 @@ use crate::error::Finding;
 pub(super) struct Files<'a> {
     pub(super) dir: Option<&'a Path>,
     pub(super) inputs: &'a mut Vec<InputFile>,
+    /// The number that stands for `#` in names.
+    pub(super) frame: Option<u32>,
+}
+
+/// The name of a frame's file: the last run of `#` is the frame's number, with at least as many digits.
+fn of_frame(name: &str, frame: u32) -> String {
+    let Some(end) = name.rfind('#').map(|at| at + 1) else { return name.to_owned() };
+    let begin = name[..end].trim_end_matches('#').len();
+    format!("{}{frame:0width$}{}", &name[..begin], &name[end..], width = end - begin)
 }
 
 /// A density that may still need to know where it is.
@@ -155,6 +164,15 @@ fn file<'a>(
 ) -> Option<Source> {
     let at = t.at(key);
     let name = t.text(key, out)?;
+    let name = match files.frame {
+        None if name.contains('#') => {
+            let what = format!("`{name}` is a file for each frame");
+            out.push(Finding::error(at, what, "say which by --frame, or --frames for several"));
+            return None;
+        }
+        None => name,
+        Some(frame) => of_frame(&name, frame),
+    };
     let path = files.dir.unwrap_or(Path::new("")).join(&name);
     let bytes = match std::fs::read(&path) {
         Ok(bytes) => bytes,
@@ -301,4 +319,21 @@ pub(crate) fn most_bytes() -> usize {
         .find_map(|line| line.strip_prefix("MemTotal:")?.trim().strip_suffix("kB")?.trim().parse().ok())
         .unwrap_or(8usize << 20);
     kibibytes.saturating_mul(512)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_hashes_are_the_frame() {
+        for (name, frame, want) in [
+            ("smoke.####.vdb", 12, "smoke.0012.vdb"),
+            ("#/s#.raw", 7, "#/s7.raw"),
+            ("s_##.raw", 1234, "s_1234.raw"),
+            ("still.vdb", 3, "still.vdb"),
+        ] {
+            assert_eq!(of_frame(name, frame), want);
+        }
+    }
 }

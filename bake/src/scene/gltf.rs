@@ -35,6 +35,8 @@ pub struct LoadOptions {
     pub light_units: LightUnits,
     /// Stands above the sky of configuration and file, see [`super::sky::parse_sky`].
     pub sky: Option<Sky>,
+    /// The number that stands for `#` in the names of files of volumes.
+    pub frame: Option<u32>,
 }
 
 /// Makes the scene of a document, in world units, with all findings, gravest first.
@@ -55,7 +57,10 @@ pub fn load(doc: &Document, config: &Config, options: &LoadOptions) -> (Scene, V
         let mut inputs = Vec::new();
         let dir = doc.base_dir();
         let extras = match json.get("extras") {
-            Some(extras) => SceneWords::read(extras, &format!("{path}.extras"), dir, &mut inputs, &mut out),
+            Some(extras) => {
+                let mut files = Files { dir, inputs: &mut inputs, frame: options.frame };
+                SceneWords::read(extras, &format!("{path}.extras"), &mut files, &mut out)
+            }
             None => SceneWords::default(),
         };
         inputs.into_iter().for_each(|input| doc.add_input(input));
@@ -205,7 +210,8 @@ impl Builder<'_> {
                 let path = format!("nodes[{}].extras", at.node);
                 words = words.over(NodeWords::read(extras, &path, true, self.out));
                 let mut inputs = Vec::new();
-                let mut files = Files { dir: self.doc.base_dir(), inputs: &mut inputs };
+                let frame = self.options.frame;
+                let mut files = Files { dir: self.doc.base_dir(), inputs: &mut inputs, frame };
                 medium = super::media_words::node_medium(extras, &path, &mut files, self.out);
                 inputs.into_iter().for_each(|input| self.doc.add_input(input));
             }

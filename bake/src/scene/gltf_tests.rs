@@ -176,7 +176,7 @@ fn lights_have_units_and_directions() {
     for (units, candela, lux) in
         [(LightUnits::BlenderRaw, 543.512, 2049.0), (LightUnits::BlenderUnitless, 6830.0, 2049.0)]
     {
-        let options = LoadOptions { light_units: units, sky: None };
+        let options = LoadOptions { light_units: units, ..LoadOptions::default() };
         let (scene, _) = with_options(patch, &Config::default(), &options).expect("opens");
         let LightKind::Point { intensity, .. } = scene.lights[0].kind else { panic!("point") };
         assert!((intensity.x - candela).abs() < 1e-3 * candela, "{units:?} {intensity}");
@@ -189,7 +189,7 @@ fn lights_have_units_and_directions() {
 #[test]
 fn words_have_their_precedence() {
     let text = "texels_per_metre = 8\n[nodes.tri]\nlightmap = \"off\"\n[nodes.tree]\ncasts_shadow = false";
-    let (config, none) = Config::parse("bake.toml", text, None).expect("TOML");
+    let (config, none) = Config::parse("bake.toml", text, None, None).expect("TOML");
     assert!(none.is_empty());
     let (scene, findings) = with_options(
         |j| {

@@ -82,23 +82,26 @@ pub fn explosion(size: u32, time: f32) -> Frame {
 }
 
 impl Frame {
-    /// Writes both grids and the configuration that fills a box with them, which it returns. `strength` in nits per metre, `sigma` per metre.
+    /// Writes both grids, as those of a frame of a sequence where it has a number, and returns the configuration that fills a box with them. `strength` in nits per metre,
+    /// `sigma` per metre.
     ///
     /// # Panics
     /// If the folder cannot be written.
     #[must_use]
-    pub fn write(&self, folder: &Path, (strength, sigma): (f32, f32)) -> String {
+    pub fn write(&self, folder: &Path, (strength, sigma): (f32, f32), number: Option<u32>) -> String {
         let bytes = |list: &[f32]| list.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
-        std::fs::write(folder.join("smoke.raw"), bytes(&self.smoke)).expect("a file");
-        std::fs::write(folder.join("heat.raw"), bytes(&self.heat)).expect("a file");
+        let part = number.map(|n| format!(".{n:04}")).unwrap_or_default();
+        std::fs::write(folder.join(format!("smoke{part}.raw")), bytes(&self.smoke)).expect("a file");
+        std::fs::write(folder.join(format!("heat{part}.raw")), bytes(&self.heat)).expect("a file");
+        let part = if number.is_some() { ".####" } else { "" };
         let n = self.size;
         let grid = |file: &str| format!("raw = \"{file}\", size = [{n}, {n}, {n}], format = \"f32\"");
         format!(
             "[[media]]\nname = \"explosion\"\nsigma_s = {sigma}\nsigma_a = {sigma}\ndensity = {{ {} }}\n\
              emission = {{ color = [1, 0.45, 0.12], strength = {strength}, {} }}\n\
              box = {{ min = [-1.5, 0.3, -1.5], max = [1.5, 3.3, 1.5] }}\n",
-            grid("smoke.raw"),
-            grid("heat.raw")
+            grid(&format!("smoke{part}.raw")),
+            grid(&format!("heat{part}.raw"))
         )
     }
 }
