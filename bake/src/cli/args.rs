@@ -191,8 +191,12 @@ pub(crate) struct TuningArgs {
 /// How light of media that emit is found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum FireArg {
+    /// A lighting grid hierarchy
     Grid,
+    /// Directions, and places chosen for what is emitted there
     Paths,
+    /// Directions alone, to compare with: more noise
+    March,
 }
 
 /// The first and the last of some frames.

@@ -3,7 +3,7 @@
 use crate::cli::args::{RunArgs, SceneArgs};
 use crate::cli::frames;
 use crate::cli::input::{self, Input};
-use crate::cli::prepare::{Stages, effort, kernel, learn, wanted_probes};
+use crate::cli::prepare::{Merged, Stages, effort, kernel, learn, wanted_probes};
 use crate::cli::replay;
 use crate::cli::say::{self, Interrupt, Style};
 use crate::cli::stopwatch::Stopwatch;
@@ -353,11 +353,8 @@ impl Job<'_> {
         let atlas = self.plan.atlas();
         let settings = self.plan.settings();
         self.style.stage("plan", &announce(self.plan, self.memory));
-        if let Some(fires) = &self.plan.tracing().fires {
-            say::watch(self.style, "shadows of fire", 0, &baked.monitor, self.interrupt, || {
-                fires.fill(&|| baked.monitor.stopped());
-                if baked.monitor.stopped() { Err(Error::Interrupted) } else { Ok(()) }
-            })?;
+        if let Some(fires) = self.plan.tracing().fires.as_ref().filter(|f| !f.waits()) {
+            self.stages(&baked.monitor).fill(fires)?;
             self.style.stage("fire", &levels(fires));
             self.watch.lap("fire");
         }
@@ -374,6 +371,13 @@ impl Job<'_> {
             baked.light_grid = Some(output::light_grid::write(self.staging, grid, origin, light)?);
         }
         self.watch.lap("light grid");
+        let in_air = kernel;
+        let merged = self.stages(&baked.monitor).merge(&kernel)?;
+        let kernel = Merged::kernel(merged.as_ref(), kernel);
+        if let Some(m) = &merged {
+            self.style.stage("fire", &levels(&m.fires));
+            self.watch.lap("fire");
+        }
         baked.media = output::media::write(self.plan, self.staging)?;
         for texture in baked.media.iter().filter_map(|m| m.texture.as_ref()) {
             say_clamped(&texture.file, texture.clamped, "densities", "lower the density and raise sigma");
@@ -388,7 +392,9 @@ impl Job<'_> {
         let unbiased = kernel;
         let kernel = Kernel { cache: cache.as_ref(), emitters_apart: true, ..learnt.guide_texels(kernel) };
         self.watch.lap("cache");
-        baked.probes = self.probes(&kernel, &baked.monitor)?;
+        // Probes look for light in the air.
+        let Kernel { media, fires, grid, .. } = in_air;
+        baked.probes = self.probes(&Kernel { media, fires, grid, ..kernel }, &baked.monitor)?;
         self.watch.lap("probes");
         let luminance = match settings.sampling {
             Sampling::Target(_) => {

@@ -9,7 +9,7 @@ use crate::error::{Error, Finding};
 use crate::geom::atlas::{Engine, Unwrap};
 use crate::light::Direct;
 use crate::light::fires::FireOptions;
-use crate::plan::settings::{Denoise, Fineness, Probes, Sampling, TextureFormat};
+use crate::plan::settings::{Denoise, Fineness, FireBy, Probes, Sampling, TextureFormat};
 use crate::plan::{Effect, Force, MediaMode, Quality, Settings, Tracing, Tuning};
 use crate::scene::config::{Config, RunConfig};
 use crate::scene::document::Document;
@@ -205,7 +205,11 @@ pub(crate) fn tuning(args: &TuningArgs, media: MediaMode, document: &Document) -
         ..fires
     };
     Ok(Tuning {
-        fire: (args.fire == Some(FireArg::Grid)).then_some(fires),
+        fire: match args.fire {
+            Some(FireArg::Grid) => FireBy::Grid(fires),
+            Some(FireArg::March) => FireBy::March,
+            Some(FireArg::Paths) | None => FireBy::Paths,
+        },
         light_samples: args.light_samples.unwrap_or(usual.light_samples),
         light_threshold: args.light_threshold.unwrap_or(usual.light_threshold),
         tables: args.tables.clone(),

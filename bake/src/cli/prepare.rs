@@ -3,6 +3,8 @@
 use crate::cli::input;
 use crate::cli::say::{self, Interrupt, Style};
 use crate::error::Error;
+use crate::light::fires::Fires;
+use crate::media::Media;
 use crate::plan::Plan;
 use crate::plan::settings::Probes;
 use crate::solve::accumulate::Gate;
@@ -44,6 +46,28 @@ impl Stages<'_> {
         Ok((Some(grid), gate))
     }
 
+    /// What smoke scatters as lights beside those of fires, if the plan has it so, with the shadows of all.
+    pub(crate) fn merge(&self, kernel: &Kernel<'_>) -> Result<Option<Merged>, Error> {
+        let tracing = self.plan.tracing();
+        let (Some(fires), Some(media), Some(grid)) = (&tracing.fires, &tracing.media, kernel.grid) else {
+            return Ok(None);
+        };
+        if !fires.waits() {
+            return Ok(None);
+        }
+        let Some(fires) = fires.with_scattered(media, &|p| kernel.mean_around(grid, p)) else { return Ok(None) };
+        self.fill(&fires)?;
+        Ok(Some(Merged { fires, media: media.without_scattering() }))
+    }
+
+    /// Fills the shadows of fires.
+    pub(crate) fn fill(&self, fires: &Fires) -> Result<(), Error> {
+        say::watch(self.style, "shadows of fire", 0, self.monitor, self.interrupt, || {
+            fires.fill(&|| self.monitor.stopped());
+            if self.monitor.stopped() { Err(Error::Interrupted) } else { Ok(()) }
+        })
+    }
+
     /// Gathers the irradiance cache if the plan wants it, and says which samples were not finite.
     pub(crate) fn cache(&self, kernel: &Kernel<'_>) -> Result<(Option<IrradianceCache>, Gate), Error> {
         if !self.plan.settings().caches() {
@@ -53,6 +77,22 @@ impl Stages<'_> {
         say::watch(self.style, "irradiance cache", cells.paths(), self.monitor, self.interrupt, || {
             cells.fill(kernel, self.monitor).map(|(cache, gate)| (Some(cache), gate))
         })
+    }
+}
+
+/// Fires with what smoke scatters, and media that scatter nothing any more.
+pub(crate) struct Merged {
+    pub(crate) fires: Fires,
+    media: Media,
+}
+
+impl Merged {
+    /// A kernel for which light that smoke scatters comes from these lights. It is for surfaces: what rays meet that look for it is not there.
+    pub(crate) fn kernel<'a>(merged: Option<&'a Self>, kernel: Kernel<'a>) -> Kernel<'a> {
+        match merged {
+            Some(m) => Kernel { media: Some(&m.media), fires: Some(&m.fires), grid: None, ..kernel },
+            None => kernel,
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 #![expect(clippy::print_stdout, reason = "what the sample brought is the result")]
 
-use crate::cli::prepare::{Stages, cells, effort, kernel, learn, wanted_probes};
+use crate::cli::prepare::{Merged, Stages, cells, effort, kernel, learn, wanted_probes};
 use crate::cli::say;
 use crate::error::{Error, Finding};
 use crate::geom::texel::TexelMap;
@@ -34,7 +34,9 @@ pub(crate) fn run(stages: Stages<'_>, at: Rejected) -> Result<ExitCode, Error> {
         };
     }
     let (grid, _) = stages.light_grid(&learnt.guide_texels(kernel))?;
-    let kernel = Kernel { grid: grid.as_ref(), ..kernel };
+    let in_air = Kernel { grid: grid.as_ref(), ..kernel };
+    let merged = stages.merge(&in_air)?;
+    let kernel = Merged::kernel(merged.as_ref(), in_air);
     if at.kind == Kind::Cell {
         let cells = settings.caches().then(|| cells(plan, &kernel));
         let found = match cells {
@@ -56,6 +58,8 @@ pub(crate) fn run(stages: Stages<'_>, at: Rejected) -> Result<ExitCode, Error> {
             let Some(wanted) = volumes.nth(at.page) else {
                 return nothing(format!("there is no volume {} of probes", at.page));
             };
+            let Kernel { media, fires, grid, .. } = in_air;
+            let kernel = Kernel { media, fires, grid, ..kernel };
             let probing = Probing::new(&kernel, wanted, monitor)?;
             match probing.and_then(|p| p.replay(&kernel, at.texel, at.sample)) {
                 Some(found) => Some(found),

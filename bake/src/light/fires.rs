@@ -35,7 +35,7 @@ impl Default for FireOptions {
     }
 }
 
-/// The light of all media that emit.
+/// The light of all media that emit, and, in [`Fires::with_scattered`], of what smoke scatters.
 #[derive(Debug)]
 pub struct Fires {
     hierarchy: Hierarchy,
@@ -44,6 +44,7 @@ pub struct Fires {
     rest: Option<Media>,
     shadows: OnceLock<Option<Shadows>>,
     options: FireOptions,
+    waits: bool,
 }
 
 /// A light as it counts at a place.
@@ -60,7 +61,30 @@ impl Fires {
     /// `None` where nothing emits, or something does without end.
     #[must_use]
     pub fn new(media: &Media, options: FireOptions) -> Option<Self> {
-        let (points, side) = media.emitting_points()?;
+        Self::of(media, media.emitting_points()?, options)
+    }
+
+    /// As many lights as there will be with what smoke scatters, which is not known yet: they wait for [`Self::with_scattered`].
+    #[must_use]
+    pub fn planned(media: &Media, options: FireOptions) -> Option<Self> {
+        let points = media.shining_points(&|_| Rgb::ONE)?;
+        Self::of(media, points, options).map(|fires| Self { waits: true, ..fires })
+    }
+
+    /// The same with what smoke scatters of light whose mean radiance at a place is known, nits: \[LGH17\] section 5 in one step, with all orders of scattering from
+    /// a light grid instead of lights that light voxels order by order.
+    #[must_use]
+    pub fn with_scattered(&self, media: &Media, around: &dyn Fn(Vec3A) -> Rgb) -> Option<Self> {
+        Self::of(media, media.shining_points(around)?, self.options)
+    }
+
+    /// Whether its lights are not known yet.
+    #[must_use]
+    pub fn waits(&self) -> bool {
+        self.waits
+    }
+
+    fn of(media: &Media, (points, side): (Vec<(Vec3A, Rgb)>, f32), options: FireOptions) -> Option<Self> {
         let mut lights: Vec<PointLight> =
             points.into_iter().map(|(position, intensity)| PointLight { position, intensity }).collect();
         let mut spacing = 2.0 * side;
@@ -89,7 +113,7 @@ impl Fires {
             return None;
         }
         let (smoke, rest) = (Lattice::new(media).zip(media.grids()), media.beside_grids());
-        Some(Self { hierarchy, smoke, rest, shadows: OnceLock::new(), options })
+        Some(Self { hierarchy, smoke, rest, shadows: OnceLock::new(), options, waits: false })
     }
 
     /// The lights.

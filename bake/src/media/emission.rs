@@ -4,7 +4,7 @@
 //! choosing a place in proportion to what is emitted there and looking towards it; what then counts is all that the whole line
 //! brings, so that the density of a direction is an integral along the line as well, and nothing near is singular.
 
-use super::{Body, Media, Segment, Shape, density, march, metres};
+use super::{Body, Media, Segment, Shape, Small, density, march, metres};
 use crate::geom::world::luminance;
 use crate::scene::model::{Density, Rgb};
 use crate::scene::voxels::{BRICK, Brick, SIDE, Voxels};
@@ -214,6 +214,26 @@ impl Media {
         self.emission.is_some()
     }
 
+    /// Whether all that scatters is smoke in grids, and scatters alike in all directions.
+    #[must_use]
+    pub fn scatters_in_even_smoke_alone(&self) -> bool {
+        let mut scatter = self.bodies.iter().filter(|b| b.sigma_s != Vec3::ZERO).peekable();
+        scatter.peek().is_some() && scatter.all(|b| b.is_smoke() && b.g == 0.0)
+    }
+
+    /// The same where what is scattered counts as absorbed: light is weakened as before.
+    #[must_use]
+    pub fn without_scattering(&self) -> Self {
+        let absorbs = |b: &Body| Body { sigma_s: Vec3::ZERO, sigma_a: b.sigma_s + b.sigma_a, ..b.clone() };
+        let small = Small { lossless: false, ..self.small };
+        Self { bodies: self.bodies.iter().map(absorbs).collect(), small, ..self.clone() }
+    }
+
+    /// Lets nobody choose places for what is emitted: directions find it alone.
+    pub fn hide_fire(&mut self) {
+        self.fire_hidden = true;
+    }
+
     /// The same without anything that weakens light; `None` where nothing emits.
     #[must_use]
     pub fn undimmed(&self) -> Option<&Self> {
@@ -343,7 +363,7 @@ impl Media {
     /// A place where light is emitted, in proportion to how much, in the world's space; `None` where it has no end. Numbers in [0, 1).
     #[must_use]
     pub fn emitting_place(&self, [a, b, c, d]: [f32; 4]) -> Option<Vec3A> {
-        let emission = self.emission.as_deref()?;
+        let emission = self.emission.as_deref().filter(|_| !self.fire_hidden)?;
         let mut wanted = f64::from(a) * emission.total;
         let last = emission.parts.len().checked_sub(1)?;
         for (i, part) in emission.parts.iter().enumerate() {
@@ -360,11 +380,21 @@ impl Media {
     /// without end. Points of media whose voxels coincide are one.
     #[must_use]
     pub fn emitting_points(&self) -> Option<(Vec<(Vec3A, Rgb)>, f32)> {
+        self.points(None)
+    }
+
+    /// The same with what grids of smoke scatter, alike in all directions, of the mean radiance at a place, nits.
+    #[must_use]
+    pub fn shining_points(&self, around: &dyn Fn(Vec3A) -> Rgb) -> Option<(Vec<(Vec3A, Rgb)>, f32)> {
+        self.points(Some(around))
+    }
+
+    fn points(&self, around: Option<&dyn Fn(Vec3A) -> Rgb>) -> Option<(Vec<(Vec3A, Rgb)>, f32)> {
         self.emission.as_ref()?;
-        let glows = || self.bodies.iter().filter(|b| b.emission != Vec3::ZERO);
+        let scatters = |b: &Body| around.is_some() && b.is_smoke() && b.sigma_s != Vec3::ZERO;
         let mut side = f32::INFINITY;
         let mut points: Vec<(Vec3A, Rgb)> = Vec::new();
-        for b in glows() {
+        for b in self.bodies.iter().filter(|b| b.emission != Vec3::ZERO || scatters(b)) {
             let (min, max) = b.bounds()?;
             let extent = (max - min).max_element();
             let (size, world_from_cell, values) = match &b.density {
@@ -389,7 +419,9 @@ impl Media {
             let mut one = |cell: UVec3, value: f32| {
                 let p = world_from_cell.transform_point3a(cell.as_vec3a() + 0.5);
                 if 0.0 < value && b.holds(p) {
-                    points.push((p, b.emission * (value * volume)));
+                    let scattered =
+                        around.filter(|_| scatters(b)).map_or(Vec3::ZERO, |light| b.sigma_s * light(p));
+                    points.push((p, (b.emission + scattered) * (value * volume)));
                 }
             };
             if let Some((values, parts)) = values {
@@ -435,7 +467,9 @@ impl Media {
     /// Density per steradian with which [`Self::emitting_place`] lies in a direction.
     #[must_use]
     pub fn emitting_pdf(&self, origin: Vec3A, direction: Vec3A) -> f32 {
-        let Some(emission) = self.emission.as_deref().filter(|e| 0.0 < e.total) else { return 0.0 };
+        let Some(emission) = self.emission.as_deref().filter(|e| 0.0 < e.total && !self.fire_hidden) else {
+            return 0.0;
+        };
         let each = |p: &Part| f64::from(p.luminance) * p.third_moment(origin, direction);
         #[expect(clippy::cast_possible_truncation, reason = "rounding is the result")]
         let pdf = (emission.parts.iter().map(each).sum::<f64>() / emission.total) as f32;

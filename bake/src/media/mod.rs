@@ -29,6 +29,8 @@ pub struct Media {
     smooth: bool,
     small: Small,
     emission: Option<Arc<Emission>>,
+    /// See [`Media::hide_fire`].
+    fire_hidden: bool,
     undimmed: Option<Arc<Self>>,
 }
 

@@ -1,6 +1,8 @@
-//! A picture of the scene from a camera, lit by the lightmaps alone, as an engine would show it.
+//! A picture of the scene from a camera, lit by the lightmaps alone, as an engine would show it. Media that emit are seen, and what smoke around them hides is not; what media scatter towards the
+//! camera is not drawn.
 
 use crate::geom::Ray;
+use crate::media::Media;
 use crate::output::page::Page;
 use crate::plan::Plan;
 use crate::sample::{Sequence, sequence};
@@ -38,7 +40,8 @@ pub fn draw(plan: &Plan, kernel: &Kernel<'_>, pages: &[Page], camera: &Camera) -
     let aspect = aspect(camera);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a clamped size in pixels")]
     let width = (HEIGHT as f32 * aspect) as usize;
-    let viewer = Viewer { plan, kernel, pages, mean: mean(pages) };
+    let fire = kernel.glowing().map(|media| (media, media.grids()));
+    let viewer = Viewer { plan, kernel, pages, mean: mean(pages), fire };
     let origin = plan.tracing().world.origin;
     let pixels = (0..width * HEIGHT)
         .into_par_iter()
@@ -87,6 +90,8 @@ struct Viewer<'a> {
     kernel: &'a Kernel<'a>,
     pages: &'a [Page],
     mean: Rgb,
+    /// Media that emit with all others, and those of them that are grids.
+    fire: Option<(&'a Media, Option<Media>)>,
 }
 
 impl Viewer<'_> {
@@ -95,7 +100,15 @@ impl Viewer<'_> {
         let mut left = Vec3::ONE;
         let mut seen = Vec3::ZERO;
         for _ in 0..LAYERS {
-            let Some(hit) = self.kernel.closest(&ray) else {
+            let hit = self.kernel.closest(&ray);
+            if let Some((media, smoke)) = &self.fire {
+                let t = hit.map_or(f32::INFINITY, |h| h.t);
+                seen += left * media.emitted(ray.origin, ray.direction, t);
+                if let Some(smoke) = smoke {
+                    left *= smoke.transmittance(ray.origin, ray.direction, t);
+                }
+            }
+            let Some(hit) = hit else {
                 return seen + left * self.kernel.lights.sky.radiance(ray.direction);
             };
             let at = world.point(hit.triangle, hit.bary);

@@ -23,7 +23,7 @@ use crate::scene::model::{Rgb, Scene};
 pub use effects::Decision;
 pub use kernels::{Effect, Force, Kernels};
 pub use memory::Memory;
-pub use settings::{MediaMode, Quality, Settings, Tuning};
+pub use settings::{FireBy, MediaMode, Quality, Settings, Tuning};
 
 /// A scene that is ready to be solved.
 #[derive(Debug)]
@@ -96,6 +96,9 @@ impl Tracing {
             media = Some(Media::default());
         }
         media.iter_mut().for_each(|m| kernels.set_media(m));
+        if tuning.fire == FireBy::March {
+            media.iter_mut().for_each(Media::hide_fire);
+        }
         let any_albedo =
             kernels.list().iter().any(|c| c.effect == Effect::MediaAlbedo && c.needed < c.kernel);
         let responses = match &media {
@@ -106,7 +109,14 @@ impl Tracing {
             _ => None,
         };
         let many = matches!(mode, MediaMode::Attenuate | MediaMode::Bounded);
-        let fires = media.as_ref().filter(|_| many).zip(tuning.fire).and_then(|(m, f)| Fires::new(m, f));
+        // What smoke scatters becomes lights as well where nodes of the light grid know all of it: what lamps bring straight away they do not.
+        let nodes_know =
+            lights.punctual.is_empty() && lights.suns.is_empty() && lights.emitters.groups().is_empty();
+        let scattered =
+            |m: &Media| mode == MediaMode::Bounded && nodes_know && m.scatters_in_even_smoke_alone();
+        let fires = media.as_ref().filter(|_| many).zip(tuning.fire.grid());
+        let fires =
+            fires.and_then(|(m, f)| if scattered(m) { Fires::planned(m, f) } else { Fires::new(m, f) });
         let (need, most) = (fires.as_ref().map_or(0, Fires::bytes), most_bytes() as u64);
         if most < need {
             return Err(Error::Usage(format!(

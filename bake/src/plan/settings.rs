@@ -158,13 +158,49 @@ pub struct Tuning {
     pub tables: Option<PathBuf>,
     /// Bands of zonal harmonics that responses have, 1 to 11.
     pub zh_order: usize,
-    /// How what media emit becomes many lights; `None` where directions and places chosen for it find it.
-    pub fire: Option<FireOptions>,
+    /// How what media emit is found.
+    pub fire: FireBy,
+}
+
+/// How what media emit is found.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum FireBy {
+    /// By directions and by places chosen for it.
+    #[default]
+    Paths,
+    /// By directions alone, to compare with.
+    March,
+    /// As many lights.
+    Grid(FireOptions),
+}
+
+impl FireBy {
+    /// Name on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Paths => "paths",
+            Self::March => "march",
+            Self::Grid(_) => "grid",
+        }
+    }
+
+    /// How it becomes many lights, if it does.
+    #[must_use]
+    pub fn grid(self) -> Option<FireOptions> {
+        if let Self::Grid(options) = self { Some(options) } else { None }
+    }
 }
 
 impl Default for Tuning {
     fn default() -> Self {
-        Self { light_samples: SEVERAL, light_threshold: THRESHOLD, tables: None, zh_order: BANDS, fire: None }
+        Self {
+            light_samples: SEVERAL,
+            light_threshold: THRESHOLD,
+            tables: None,
+            zh_order: BANDS,
+            fire: FireBy::Paths,
+        }
     }
 }
 
@@ -343,7 +379,7 @@ impl Settings {
     /// How what media emit becomes many lights, if it does.
     #[must_use]
     pub fn fire(&self) -> Option<FireOptions> {
-        self.tuning.fire.filter(|_| matches!(self.media, MediaMode::Attenuate | MediaMode::Bounded))
+        self.tuning.fire.grid().filter(|_| matches!(self.media, MediaMode::Attenuate | MediaMode::Bounded))
     }
 
     pub(crate) fn atlas(&self) -> AtlasOptions {
@@ -388,7 +424,7 @@ impl Settings {
             ("light_threshold", json!(self.tuning.light_threshold)),
             ("media", json!(self.media.name())),
             ("zh_order", json!((self.media == MediaMode::Table).then_some(self.tuning.zh_order))),
-            ("fire", json!(self.fire().map_or("paths", |_| "grid"))),
+            ("fire", json!(self.tuning.fire.name())),
             ("fire_alpha", json!(self.fire().map(|f| f.alpha))),
             ("fire_depths", json!(self.fire().map(|f| f.depths))),
             ("grid_nodes", json!(self.light_grid().map(|f| f.nodes))),

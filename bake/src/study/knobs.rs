@@ -1,6 +1,7 @@
 //! What trades accuracy for time, and the settings that are tried of it.
 
 use crate::light::Selection;
+use crate::light::fires::FireOptions;
 use crate::light::many::{SEVERAL, THRESHOLD};
 use crate::media::Media;
 use crate::plan::settings::{Denoise, MediaMode};
@@ -397,12 +398,22 @@ fn of_lights(plan: &Plan, medium: &(String, Vec<String>)) -> Vec<Knob> {
             )
         },
         Knob {
-            idle: Some("`--direct grid` does not exist yet".to_owned()),
+            base: {
+                let (name, args) = medium.clone();
+                (format!("{name}, fire by a grid"), [args, words(&["--fire", "grid"])].concat())
+            },
+            idle: (!plan.tracing().media.as_ref().is_some_and(Media::emits))
+                .then(|| "no medium of the scene emits".to_owned()),
             ..knob(
                 "grid hierarchy alpha",
-                "--direct grid",
-                "Width of the levels of a lighting grid hierarchy",
-                Vec::new(),
+                "--fire-alpha",
+                "Radius of influence of the levels of fire's lighting grid hierarchy, over their spacing",
+                [1.0f32, 2.0, 4.0, 8.0]
+                    .iter()
+                    .map(|x| {
+                        setting(x, &["--fire-alpha", &x.to_string()], *x == FireOptions::default().alpha)
+                    })
+                    .collect(),
             )
         },
     ]

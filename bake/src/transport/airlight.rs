@@ -244,6 +244,25 @@ impl<const AIR: bool> Kernel<'_, AIR> {
         Kernel { grid: None, ..*self }.arrives(&in_air(p), wi, None, sequence, rays)
     }
 
+    /// Mean radiance over all directions at a place, of the nodes around that see it, by trilinear weights, nits; black where none does.
+    pub(crate) fn mean_around(&self, grid: &LightGrid, p: Vec3A) -> Rgb {
+        let at = grid.inside(p);
+        let (mut sum, mut all) = (Vec3::ZERO, 0.0);
+        for k in 0..8 {
+            let side = |axis: usize| if k >> axis & 1 == 1 { at.part[axis] } else { 1.0 - at.part[axis] };
+            let weight = side(0) * side(1) * side(2);
+            let node = grid.corner(at, k);
+            let d = grid.node(node) - p;
+            let t_max = d.length();
+            let ray = Ray { origin: p, direction: d / t_max.max(1e-30), t_max };
+            if 0.0 < weight && !(grid.is_occupied(at.cell) && self.blocked(&ray)) {
+                sum += weight * even(grid.light(node));
+                all += weight;
+            }
+        }
+        if 0.0 < all { sum / all } else { Vec3::ZERO }
+    }
+
     /// One of the nodes around a place that see it, each as likely as trilinear interpolation weighs it.
     fn node(&self, grid: &LightGrid, p: Vec3A, at: Inside, u: [f32; 3], rays: &mut u32) -> Option<usize> {
         let end = |k: usize| usize::from(u[k] < at.part[k]);

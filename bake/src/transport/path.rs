@@ -206,7 +206,7 @@ impl<'a> Kernel<'a> {
             fires: tracing
                 .fires
                 .as_ref()
-                .filter(|_| matches!(media, MediaMode::Attenuate | MediaMode::Bounded))
+                .filter(|fires| matches!(media, MediaMode::Attenuate | MediaMode::Bounded) && !fires.waits())
                 // Whoever has a kernel may ask them.
                 .inspect(|fires| {
                     fires.shadows();

@@ -1,4 +1,4 @@
-//! How much light flickers when a fire moves by less than anybody would see.
+//! Figures of fires: how much light flickers when they move by less than anybody would see, what their shadows take and what keeping these saves.
 
 #![expect(clippy::print_stdout, reason = "figures that are reported")]
 
@@ -25,9 +25,18 @@ const FRAMES: u8 = 50;
 /// Lights that lightcuts ask at each place: about as many as the hierarchy's that count there.
 const CUT: usize = 128;
 
-/// The explosion of the examples, that many voxels aside.
-fn moved(smoke: &Arc<Voxels>, heat: &Arc<Voxels>, voxels: f32) -> Media {
-    let side = 3.0 / SIZE as f32;
+/// The explosion of the examples: smoke and heat.
+fn grids(size: u32) -> [Arc<Voxels>; 2] {
+    let shot = explosion(size, 0.5);
+    [shot.smoke, shot.heat].map(|list| {
+        let at = |v: UVec3| list[(v.x + size * (v.y + size * v.z)) as usize];
+        Arc::new(Voxels::from_fn(UVec3::splat(size), 1 << 30, at).expect("a grid"))
+    })
+}
+
+/// It, that many voxels aside.
+fn moved([smoke, heat]: &[Arc<Voxels>; 2], voxels: f32) -> Media {
+    let side = 3.0 / smoke.size().x as f32;
     let corner = Vec3::new(-1.5, 0.3, -1.5) + Vec3::X * (voxels * side);
     let place = (Affine3A::from_translation(corner) * Affine3A::from_scale(Vec3::splat(side))).inverse();
     let of = |values: &Arc<Voxels>, sigma: f32, emission: Rgb| Medium {
@@ -187,16 +196,11 @@ fn nothing_flickers_when_a_fire_moves_a_little() {
     if !suite::slow() {
         return println!("skipped: RUN_SLOW_TESTS is not set");
     }
-    let shot = explosion(SIZE, 0.5);
-    let grid = |list: &[f32]| {
-        let at = |v: UVec3| list[(v.x + SIZE * (v.y + SIZE * v.z)) as usize];
-        Arc::new(Voxels::from_fn(UVec3::splat(SIZE), 1 << 30, at).expect("a grid"))
-    };
-    let (smoke, heat) = (grid(&shot.smoke), grid(&shot.heat));
+    let grids = grids(SIZE);
     let places = walls();
     let (mut before, mut worst, mut error) = (None::<Vec<Vec<f64>>>, [0.0f64; 7], [0.0f64; 7]);
     for k in 0..FRAMES {
-        let now = frame(&moved(&smoke, &heat, f32::from(k) * 0.01), &places);
+        let now = frame(&moved(&grids, f32::from(k) * 0.01), &places);
         for (i, here) in now.iter().enumerate() {
             for (way, light) in here.iter().enumerate() {
                 error[way] += (light / here[0] - 1.0).abs() / (f64::from(FRAMES) * places.len() as f64);
@@ -222,5 +226,70 @@ fn nothing_flickers_when_a_fire_moves_a_little() {
     assert!(error[1] < 0.05, "{error:?}");
     if std::env::var_os("UPDATE_EXPECT").is_some() {
         std::fs::write(suite::root().join("data/flicker.md"), table).unwrap();
+    }
+}
+
+/// Lights and shadows level by level of the explosion of 64^3 voxels, and how much quicker its shadows are looked up than marched: as published, in steps as wide as the filter, and voxel by
+/// voxel.
+#[test]
+fn shadows_that_are_kept_are_quicker_than_marching() {
+    if !suite::slow() {
+        return println!("skipped: RUN_SLOW_TESTS is not set");
+    }
+    let media = moved(&grids(64), 0.0);
+    let fires = Fires::new(&media, FireOptions::default()).expect("a fire");
+    let shadows = fires.shadows().expect("smoke");
+    let mut table = String::from(
+        "| level | spacing | lights | texels of each | bytes of a texel | MiB |\n|---|---|---|---|---|---|\n",
+    );
+    let mut total = 0.0;
+    for (l, (level, size)) in fires.hierarchy().levels().iter().zip(fires.sizes()).enumerate() {
+        let mib = size.bytes as f64 / f64::from(1 << 20);
+        total += mib;
+        let [lights, texels, bytes] = [size.lights, size.texels, size.texel_bytes];
+        let _ =
+            writeln!(table, "| {l} | {:.3} m | {lights} | {texels} | {bytes} | {mib:.2} |", level.spacing);
+    }
+    let _ = writeln!(table, "| all | | | | | {total:.2} |");
+    // What places around ask: all lights that count there.
+    let mut asked = Vec::new();
+    for (place, _) in walls().into_iter().step_by(16) {
+        fires.hierarchy().visit(place, |level, number, light, distance, _| {
+            asked.push((level, number, *light, (place - light.position).normalize_or(Vec3A::Y), distance));
+        });
+    }
+    let time = |each: &dyn Fn(&(usize, usize, bake::light::hierarchy::GridLight, Vec3A, f32)) -> f32| {
+        // The best of some, because other programs run as well.
+        let one = || {
+            let begin = std::time::Instant::now();
+            let sum: f32 = asked.iter().map(each).sum();
+            (begin.elapsed().as_secs_f64(), sum)
+        };
+        (0..5).map(|_| one()).min_by(|a, b| a.0.total_cmp(&b.0)).expect("five")
+    };
+    let kept = time(&|(l, i, _, direction, distance)| shadows.left(*l, *i, *direction, *distance).x);
+    let published = time(&|(l, _, light, direction, distance)| {
+        (-shadows.marched(*l, light, *direction, *distance)).exp().x
+    });
+    let exact = time(&|(_, _, light, direction, distance)| {
+        media.transmittance(light.position, *direction, *distance).x
+    });
+    let n = asked.len() as f64;
+    let text = format!(
+        "Of the explosion of 64^3 voxels at alpha 2, on {}:\n\n{table}\nTo look up what smoke leaves of a light takes a {:.0}th of marching as published and a {:.0}th of marching voxel by voxel; {:.0} lights count at a place on the walls of the room.\n",
+        tool::machine(),
+        published.0 / kept.0,
+        exact.0 / kept.0,
+        n / 54.0
+    );
+    println!(
+        "{text}means {:.3}, {:.3} and {:.3}",
+        f64::from(kept.1) / n,
+        f64::from(published.1) / n,
+        f64::from(exact.1) / n
+    );
+    assert!(10.0 * kept.0 < published.0.min(exact.0), "{kept:?} {published:?} {exact:?}");
+    if std::env::var_os("UPDATE_EXPECT").is_some() {
+        std::fs::write(suite::root().join("data/fire-levels.md"), text).unwrap();
     }
 }
