@@ -123,8 +123,9 @@ fn lit_room(sigma: f32, args: &[&str]) -> (Vec<f64>, f64) {
     std::fs::write(&config, fire::explosion(24, 0.5).write(dir.path(), (20_000.0, sigma), None))
         .expect("a file");
     let fixed = ["run", "scene.glb", "-o", "out", "--config", "fire.toml", "--texels-per-metre", "3"];
-    let plain = ["--probes", "off", "--seams", "off", "--media", "attenuate", "--progress", "none"];
-    let _ = tool::bake(&[&fixed[..], &plain, args].concat(), dir.path()).expect(0);
+    let plain = ["--probes", "off", "--seams", "off", "--progress", "none"];
+    let media: &[&str] = if args.contains(&"--media") { &[] } else { &["--media", "attenuate"] };
+    let _ = tool::bake(&[&fixed[..], &plain, media, args].concat(), dir.path()).expect(0);
     let baked = Baked::read(&dir.path().join("out")).expect("a bake");
     let page = &baked.pages[0];
     let covered = (0..page.channels["A"].len()).filter(|i| 0.0 < page.channels["A"][*i]);
@@ -187,4 +188,18 @@ fn frames_of_a_sequence_are_baked_as_they_are_alone() {
         dir.path().join("many/frame-0004/manifest.json").is_file()
             && !dir.path().join("many/frame-0005").exists()
     );
+}
+
+/// What smoke scatters of its fire, as lights beside those of the fire, against paths that find it by directions.
+#[test]
+fn smoke_that_scatters_is_as_bright_as_lights() {
+    let args = |own: &[&'static str]| [&["--media", "bounded"][..], own].concat();
+    let (want, mean) = lit_room(4.0, &args(&["--samples", "1024", "--fire", "paths"]));
+    let (got, own) = lit_room(4.0, &args(&["--samples", "64", "--fire", "grid"]));
+    let off = want.iter().zip(&got).map(|(a, b)| (a - b).abs()).sum::<f64>() / (mean * want.len() as f64);
+    println!("mean {:+.2} %, texels {:.2} % off", 100.0 * (own / mean - 1.0), 100.0 * off);
+    assert!((own / mean - 1.0).abs() < 0.04 && off < 0.07, "{own} of {mean}, {off}");
+    // What the smoke scatters is a good part of the light: without it the test would mean little.
+    let (_, alone) = lit_room(4.0, &["--samples", "64", "--fire", "grid"]);
+    assert!(alone < 0.8 * own, "{alone} of {own} without scattering");
 }

@@ -306,7 +306,7 @@ fn attempt(name: &str, bytes: &[u8], folder: Option<&Path>, config: Option<&str>
         Some(Err(_)) => return "configuration refused",
     };
     let Ok(document) = Document::from_bytes(name, bytes, folder) else { return "file refused" };
-    let options = LoadOptions { light_units: LightUnits::Gltf, sky: None };
+    let options = LoadOptions { light_units: LightUnits::Gltf, ..LoadOptions::default() };
     let (scene, more) = gltf::load(&document, &config, &options);
     findings.extend(more);
     if plan::admit(&findings).is_err() {
@@ -385,7 +385,7 @@ fn sound(sources: &[Source]) -> Vec<usize> {
         let Ok(document) = Document::from_bytes("case.glb", &s.bytes, s.folder.as_deref()) else {
             return false;
         };
-        let options = LoadOptions { light_units: LightUnits::Gltf, sky: None };
+        let options = LoadOptions { light_units: LightUnits::Gltf, ..LoadOptions::default() };
         // With all its buffers it may be much larger than the file that names them.
         document.total_bytes() <= LARGEST
             && plan::admit(&gltf::load(&document, &Config::default(), &options).1).is_ok()

@@ -15,7 +15,7 @@ use std::path::Path;
 /// Places the triangles of a file.
 pub(crate) fn load(path: &Path) -> anyhow::Result<Tracing> {
     let document = Document::open(path)?;
-    let options = LoadOptions { light_units: LightUnits::Gltf, sky: None };
+    let options = LoadOptions { light_units: LightUnits::Gltf, ..LoadOptions::default() };
     let (scene, findings) = gltf::load(&document, &Config::default(), &options);
     if let Some(f) = findings.iter().find(|f| f.severity == Severity::Error) {
         anyhow::bail!("{f:?}");

@@ -55,7 +55,9 @@ impl Stages<'_> {
         if !fires.waits() {
             return Ok(None);
         }
-        let Some(fires) = fires.with_scattered(media, &|p| kernel.mean_around(grid, p)) else { return Ok(None) };
+        let Some(fires) = fires.with_scattered(media, &|p| kernel.mean_around(grid, p)) else {
+            return Ok(None);
+        };
         self.fill(&fires)?;
         Ok(Some(Merged { fires, media: media.without_scattering() }))
     }
