@@ -225,7 +225,7 @@ fn nothing_flickers_when_a_fire_moves_a_little() {
     assert!(10.0 * worst[1] <= worst[5].min(worst[6]), "{worst:?}");
     assert!(error[1] < 0.05, "{error:?}");
     if std::env::var_os("UPDATE_EXPECT").is_some() {
-        std::fs::write(suite::root().join("data/flicker.md"), table).unwrap();
+        std::fs::write(suite::root().join("data/flicker.md"), table).expect("a file");
     }
 }
 
@@ -251,14 +251,15 @@ fn shadows_that_are_kept_are_quicker_than_marching() {
             writeln!(table, "| {l} | {:.3} m | {lights} | {texels} | {bytes} | {mib:.2} |", level.spacing);
     }
     let _ = writeln!(table, "| all | | | | | {total:.2} |");
-    // What places around ask: all lights that count there.
-    let mut asked = Vec::new();
+    // What places around ask: all lights that count there, by level, number, what they are, direction and distance.
+    type Asked = (usize, usize, bake::light::hierarchy::GridLight, Vec3A, f32);
+    let mut asked: Vec<Asked> = Vec::new();
     for (place, _) in walls().into_iter().step_by(16) {
         fires.hierarchy().visit(place, |level, number, light, distance, _| {
             asked.push((level, number, *light, (place - light.position).normalize_or(Vec3A::Y), distance));
         });
     }
-    let time = |each: &dyn Fn(&(usize, usize, bake::light::hierarchy::GridLight, Vec3A, f32)) -> f32| {
+    let time = |each: &dyn Fn(&Asked) -> f32| {
         // The best of some, because other programs run as well.
         let one = || {
             let begin = std::time::Instant::now();
@@ -290,6 +291,6 @@ fn shadows_that_are_kept_are_quicker_than_marching() {
     );
     assert!(10.0 * kept.0 < published.0.min(exact.0), "{kept:?} {published:?} {exact:?}");
     if std::env::var_os("UPDATE_EXPECT").is_some() {
-        std::fs::write(suite::root().join("data/fire-levels.md"), text).unwrap();
+        std::fs::write(suite::root().join("data/fire-levels.md"), text).expect("a file");
     }
 }
