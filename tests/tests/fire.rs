@@ -3,11 +3,13 @@
 #![expect(clippy::print_stdout, reason = "figures that are reported")]
 
 use glam::{DVec3, Vec3};
+use std::path::Path;
 use suite::baked::Baked;
 use suite::gltf::{Glb, Material, Node};
 use suite::scenes::{closed, fire};
 use suite::shape::Shape;
 use suite::tool;
+use tables::probes::ProbeVolume;
 
 /// Mean over all covered texels of the channel that is farthest from `want`.
 fn farthest(baked: &Baked, want: f64) -> f64 {
@@ -116,17 +118,26 @@ fn a_glowing_grid_lights_the_floor_as_its_volume_does() {
     }
 }
 
-/// Texels of a bake of the dark room with a fireball, and their mean luminance.
-fn lit_room(sigma: f32, args: &[&str]) -> (Vec<f64>, f64) {
+/// A bake of the dark room with what `media` writes into its folder: the configuration.
+fn dark_room(media: impl Fn(&Path) -> String, args: &[&str]) -> Baked {
     let dir = tool::folder_with(&fire::dark_room());
     let config = dir.path().join("fire.toml");
-    std::fs::write(&config, fire::explosion(24, 0.5).write(dir.path(), (20_000.0, sigma), None))
-        .expect("a file");
+    std::fs::write(&config, media(dir.path())).expect("a file");
     let fixed = ["run", "scene.glb", "-o", "out", "--config", "fire.toml", "--texels-per-metre", "3"];
-    let plain = ["--probes", "off", "--seams", "off", "--progress", "none"];
+    let plain = ["--seams", "off", "--progress", "none"];
+    let probes: &[&str] = if args.contains(&"--probes") { &[] } else { &["--probes", "off"] };
     let media: &[&str] = if args.contains(&"--media") { &[] } else { &["--media", "attenuate"] };
-    let _ = tool::bake(&[&fixed[..], &plain, media, args].concat(), dir.path()).expect(0);
-    let baked = Baked::read(&dir.path().join("out")).expect("a bake");
+    let _ = tool::bake(&[&fixed[..], &plain, probes, media, args].concat(), dir.path()).expect(0);
+    Baked::read(&dir.path().join("out")).expect("a bake")
+}
+
+/// A fireball of 24^3 voxels.
+fn fireball(sigma: f32) -> impl Fn(&Path) -> String {
+    move |folder| fire::explosion(24, 0.5).write(folder, (20_000.0, sigma), None)
+}
+
+/// Texels of a bake, and their mean luminance.
+fn texels(baked: &Baked) -> (Vec<f64>, f64) {
     let page = &baked.pages[0];
     let covered = (0..page.channels["A"].len()).filter(|i| 0.0 < page.channels["A"][*i]);
     let texels: Vec<f64> = covered
@@ -137,6 +148,17 @@ fn lit_room(sigma: f32, args: &[&str]) -> (Vec<f64>, f64) {
         .collect();
     let mean = texels.iter().sum::<f64>() / texels.len() as f64;
     (texels, mean)
+}
+
+/// Texels of a bake of the dark room with a fireball, and their mean luminance.
+fn lit_room(sigma: f32, args: &[&str]) -> (Vec<f64>, f64) {
+    texels(&dark_room(fireball(sigma), args))
+}
+
+/// By how much texels and their mean are off, of the mean.
+fn off((got, own): &(Vec<f64>, f64), (want, mean): &(Vec<f64>, f64)) -> (f64, f64) {
+    let off = want.iter().zip(got).map(|(a, b)| (a - b).abs()).sum::<f64>() / (mean * want.len() as f64);
+    (own / mean - 1.0, off)
 }
 
 /// A fireball as a lighting grid hierarchy, against directions and places that are chosen for what it emits: within 1 % where hardly anything dims it, and 4 % in
@@ -202,4 +224,74 @@ fn smoke_that_scatters_is_as_bright_as_lights() {
     // What the smoke scatters is a good part of the light: without it the test would mean little.
     let (_, alone) = lit_room(4.0, &["--samples", "64", "--fire", "grid"]);
     assert!(alone < 0.8 * own, "{alone} of {own} without scattering");
+}
+
+/// Levels built from levels and the published blending are as good as they are said to be: the same light within some per cent, and not the same texels.
+#[test]
+fn hierarchies_can_be_built_and_blended_otherwise() {
+    let by =
+        |args: &[&'static str]| lit_room(4.0, &[&["--samples", "128", "--fire", "grid"][..], args].concat());
+    let usual = by(&[]);
+    for args in [["--fire-build", "below"], ["--fire-blend", "published"]] {
+        let (mean, texels) = off(&by(&args), &usual);
+        println!("{args:?}: mean {:+.2} %, texels {:.2} % apart", 100.0 * mean, 100.0 * texels);
+        assert!(mean.abs() < 0.05 && 1e-4 < texels && texels < 0.1, "{args:?}: {mean}, {texels}");
+    }
+}
+
+/// Probes lit by a hierarchy against probes whose rays meet the fire: by coefficients, with smoke that only takes and with smoke that scatters.
+#[test]
+fn probes_by_a_hierarchy_are_as_bright() {
+    for media in ["attenuate", "bounded"] {
+        let of = |fire: &str, samples: &str| {
+            let args = ["--media", media, "--samples", "1", "--fire", fire, "--probes", "l2"];
+            let more = ["--probe-count", "300", "--probe-samples", samples];
+            let baked = dark_room(fireball(4.0), &[&args[..], &more].concat());
+            ProbeVolume::from_bytes(&baked.files[&baked.manifest.probes[0].file]).expect("probes")
+        };
+        let (want, got) = (of("paths", "8192"), of("grid", "512"));
+        assert_eq!(want.probes.len(), got.probes.len());
+        let (mut all, mut mean, mut off, mut direction) = (0.0, 0.0, 0.0, 0.0);
+        for (a, b) in want.probes.iter().zip(&got.probes) {
+            let (a, b) = (a.light.coefficients(), b.light.coefficients());
+            let of = |c: &[f32; 3]| f64::from(c[0] * 0.2126 + c[1] * 0.7152 + c[2] * 0.0722);
+            all += of(&a[0]);
+            mean += of(&b[0]) - of(&a[0]);
+            off += (of(&b[0]) - of(&a[0])).abs();
+            direction += (1..4).map(|k| (of(&b[k]) - of(&a[k])).powi(2)).sum::<f64>().sqrt();
+        }
+        let [mean, off, direction] = [mean, off, direction].map(|x| x / all);
+        println!(
+            "{media}, {} probes: mean {:+.2} %, {:.2} % off, directions {:.2} %",
+            want.probes.len(),
+            100.0 * mean,
+            100.0 * off,
+            100.0 * direction
+        );
+        assert!(mean.abs() < 0.05 && off < 0.08 && direction < 0.08, "{media}: {mean}, {off}, {direction}");
+    }
+}
+
+/// An ember within smoke that was simulated elsewhere: 2.8 million voxels.
+#[test]
+fn an_ember_shines_through_real_smoke() {
+    let Some(shared) = suite::shared("an_ember_shines_through_real_smoke") else { return };
+    let smoke = shared.join("scenes/volumes/openvdb-smoke.vdb");
+    let media = |_: &Path| {
+        format!(
+            "media = [{{ sigma_s = 1.5, sigma_a = 1.5, density = {{ vdb = {:?} }}, box = {{ min = [-1, 0.1, -1], max = [1, 3.9, 1] }} }},
+             {{ emission = [60000, 20000, 5000], box = {{ min = [-0.15, 0.7, -0.15], max = [0.15, 1, 0.15] }} }}]\n",
+            smoke.to_str().expect("a readable path")
+        )
+    };
+    let by = |args: &[&'static str]| texels(&dark_room(media, args));
+    for mode in ["attenuate", "bounded"] {
+        let (want, got) = (
+            by(&["--media", mode, "--samples", "1024", "--fire", "paths"]),
+            by(&["--media", mode, "--samples", "64", "--fire", "grid"]),
+        );
+        let (mean, texels) = off(&got, &want);
+        println!("{mode}: mean {:+.2} %, texels {:.2} % off", 100.0 * mean, 100.0 * texels);
+        assert!(mean.abs() < 0.05 && texels < 0.1, "{mode}: {mean}, {texels}");
+    }
 }

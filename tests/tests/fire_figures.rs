@@ -4,7 +4,7 @@
 
 use bake::geom::world::luminance;
 use bake::light::fires::{FireOptions, Fires};
-use bake::light::hierarchy::{Blend, Hierarchy};
+use bake::light::hierarchy::{Blend, GridLights, Hierarchy};
 use bake::light::many::{Among, Chosen};
 use bake::light::tree::Receiver;
 use bake::light::{Direct, ManyLights, Punctual};

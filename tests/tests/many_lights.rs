@@ -66,9 +66,53 @@ fn plans_say_how_lights_are_chosen() {
     let scene = write(&folder, "lamps.glb", &lamps(40, 240));
     let effects = plan(&scene, &["--config", &config], &folder);
     assert!(effects.iter().any(|e| e.1.contains("to compare with")), "{effects:?}");
-    let scene = write(&folder, "lamps.glb", &lamps(2, 0));
-    let out = tool::bake(&["run", &scene, "--direct", "grid"], folder.path()).expect(2);
-    assert!(out.stderr.contains("reserved") && out.stderr.contains("lightcuts"), "{}", out.stderr);
+    let effects = plan(&scene, &["--direct", "grid"], &folder);
+    assert!(effects.iter().any(|e| e.1.contains("in a lighting grid hierarchy of")), "{effects:?}");
+    for (args, remedy) in [
+        (&["--direct", "grid", "--media", "table"][..], "--direct auto"),
+        (&["--direct-alpha", "4"], "--direct grid"),
+        (&["--fire-blend", "published"], "--fire grid"),
+    ] {
+        let out = tool::bake(&[&["run", &scene], args].concat(), folder.path()).expect(2);
+        assert!(out.stderr.contains(remedy), "{args:?}: {}", out.stderr);
+    }
+}
+
+/// Lamps in a lighting grid hierarchy: near to all of them with a ray each, nearer with a larger alpha, and less noise than as many rays to lamps that are chosen from a tree.
+#[test]
+fn a_hierarchy_of_lamps_is_near_and_smooth() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("lamps.glb");
+    fs::write(&scene, lamps(600, 0)).unwrap();
+    let at: Vec<[[f64; 3]; 2]> = (0..45)
+        .map(|k| {
+            let x = f64::from(k) * 1.25 - 27.5;
+            let z = f64::from(k * 7 % 12) * 2.25 - 12.5;
+            [[x, 0.125, z], [0.0, 1.0, 0.0]]
+        })
+        .collect();
+    let by = |args: &[&str]| {
+        tool::points(&scene, &at, &[&["--bounces", "0", "--media", "off", "--direct"], args].concat())
+    };
+    let truth = by(&["all", "--samples", "1"]);
+    let compare = |got: &[[[f64; 3]; 2]]| {
+        let (mut off, mut mean, mut noise) = (0.0, 0.0, 0.0);
+        for ([value, error], [want, _]) in got.iter().zip(&truth) {
+            let of = |v: &[f64; 3]| 0.2126 * v[0] + 0.7152 * v[1] + 0.0722 * v[2];
+            off += (of(value) / of(want) - 1.0).abs() / 45.0;
+            mean += (of(value) / of(want) - 1.0) / 45.0;
+            noise += of(error) / of(want) / 45.0;
+        }
+        (off, mean, noise)
+    };
+    let by = |way: &[&str], samples: &str| compare(&by(&[way, &["--samples", samples]].concat()));
+    let curve = ["1", "2", "4", "8"].map(|a| by(&["grid", "--direct-alpha", a], "1024"));
+    println!("alpha 1, 2, 4, 8: error, mean, stated noise: {curve:?}");
+    assert!(curve[1].0 < 0.5 * curve[0].0 && curve[2].0 < 0.6 * curve[1].0, "{curve:?}");
+    assert!(curve[2].0 < 0.03 && curve[2].1.abs() < 0.015 && curve[3].0 < 0.03, "{curve:?}");
+    let (tree, grid) = (by(&["lightcuts"], "16"), by(&["grid"], "16"));
+    println!("16 samples: {grid:?}, lightcuts {tree:?}");
+    assert!(grid.2 < 0.8 * tree.2, "{grid:?} {tree:?}");
 }
 
 /// Irradiance at places is the same however lights are chosen: all of them with a ray each is the truth.

@@ -170,6 +170,9 @@ pub(crate) struct TuningArgs {
     /// Squared size over squared distance beyond which groups of many lights are looked into [default: 0.5]
     #[arg(long, value_name = "X", value_parser = positive, allow_negative_numbers = true)]
     pub(crate) light_threshold: Option<f32>,
+    /// Radius of influence of the levels of --direct grid over their spacing: larger is slower and nearer to the truth [default: 4]
+    #[arg(long, value_name = "X", value_parser = alpha, allow_negative_numbers = true)]
+    pub(crate) direct_alpha: Option<f32>,
     /// Response tables for --media table, made by `tables build`; the embedded ones if absent
     #[arg(long, value_name = "FILE.zht")]
     pub(crate) tables: Option<PathBuf>,
@@ -186,6 +189,30 @@ pub(crate) struct TuningArgs {
     /// Distances for which each texel of the hierarchy's shadows knows what is left of light [default: 4]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=64))]
     pub(crate) fire_depths: Option<u32>,
+    /// What the levels of the hierarchy of --fire grid are built from [default: lights]
+    #[arg(long, value_enum)]
+    pub(crate) fire_build: Option<BuildArg>,
+    /// How the levels of the hierarchy of --fire grid take over from each other [default: conserving]
+    #[arg(long, value_enum)]
+    pub(crate) fire_blend: Option<BlendArg>,
+}
+
+/// What levels of a lighting grid hierarchy are built from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum BuildArg {
+    /// All of them from what emits
+    Lights,
+    /// Each from the level below: quicker, and smoother than published
+    Below,
+}
+
+/// How levels of a lighting grid hierarchy take over from each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum BlendArg {
+    /// Each light fades by its own distance: weights are off by some per cent
+    Published,
+    /// Each light fades by what lights above have taken over of it: nothing counts twice
+    Conserving,
 }
 
 /// How light of media that emit is found.
@@ -515,7 +542,7 @@ pub(crate) enum DirectArg {
     All,
     /// One at a time is chosen from a tree
     Lightcuts,
-    /// A lighting grid hierarchy (reserved)
+    /// Lamps that shine everywhere are in a lighting grid hierarchy, of which surfaces ask all at once: smooth, and some per cent off; others as with auto
     Grid,
     /// Stochastic lightcuts as [SLC20] has them, to compare with: more noise
     Published,

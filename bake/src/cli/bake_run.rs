@@ -371,7 +371,6 @@ impl Job<'_> {
             baked.light_grid = Some(output::light_grid::write(self.staging, grid, origin, light)?);
         }
         self.watch.lap("light grid");
-        let in_air = kernel;
         let merged = self.stages(&baked.monitor).merge(&kernel)?;
         let kernel = Merged::kernel(merged.as_ref(), kernel);
         if let Some(m) = &merged {
@@ -392,9 +391,7 @@ impl Job<'_> {
         let unbiased = kernel;
         let kernel = Kernel { cache: cache.as_ref(), emitters_apart: true, ..learnt.guide_texels(kernel) };
         self.watch.lap("cache");
-        // Probes look for light in the air.
-        let Kernel { media, fires, grid, .. } = in_air;
-        baked.probes = self.probes(&Kernel { media, fires, grid, ..kernel }, &baked.monitor)?;
+        baked.probes = self.probes(&kernel, &baked.monitor)?;
         self.watch.lap("probes");
         let luminance = match settings.sampling {
             Sampling::Target(_) => {

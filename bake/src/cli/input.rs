@@ -1,14 +1,15 @@
 //! Reads scene and configuration and resolves settings.
 
 use crate::cli::args::{
-    DenoiseArg, DirectArg, FireArg, GridArgs, LightUnitsArg, MediaArg, OnOff, ProbeArgs, ProbesArg,
-    QualityArg, SceneArgs, SettingsArgs, TextureArg, TuningArgs, UnwrapArg,
+    BlendArg, BuildArg, DenoiseArg, DirectArg, FireArg, GridArgs, LightUnitsArg, MediaArg, OnOff, ProbeArgs,
+    ProbesArg, QualityArg, SceneArgs, SettingsArgs, TextureArg, TuningArgs, UnwrapArg,
 };
 use crate::cli::say;
 use crate::error::{Error, Finding};
 use crate::geom::atlas::{Engine, Unwrap};
 use crate::light::Direct;
 use crate::light::fires::FireOptions;
+use crate::light::hierarchy::{Blend, Build};
 use crate::plan::settings::{Denoise, Fineness, FireBy, Probes, Sampling, TextureFormat};
 use crate::plan::{Effect, Force, MediaMode, Quality, Settings, Tracing, Tuning};
 use crate::scene::config::{Config, RunConfig};
@@ -161,11 +162,7 @@ pub(crate) fn direct(arg: Option<DirectArg>, run: &RunConfig) -> Result<Direct, 
         DirectArg::Auto => Direct::Auto,
         DirectArg::All => Direct::All,
         DirectArg::Lightcuts => Direct::Lightcuts,
-        DirectArg::Grid => {
-            let text =
-                "--direct grid is reserved: this version has no lighting grid hierarchy; use lightcuts";
-            return Err(Error::Usage(text.to_owned()));
-        }
+        DirectArg::Grid => Direct::Grid,
         DirectArg::Published => Direct::Published,
         #[cfg(feature = "comparison")]
         DirectArg::Intensity => Direct::Intensity,
@@ -179,8 +176,19 @@ pub(crate) fn direct(arg: Option<DirectArg>, run: &RunConfig) -> Result<Direct, 
 /// # Errors
 ///
 /// If the file cannot be read, and for options of tables that nobody looks into.
-pub(crate) fn tuning(args: &TuningArgs, media: MediaMode, document: &Document) -> Result<Tuning, Error> {
+pub(crate) fn tuning(
+    args: &TuningArgs,
+    (media, direct): (MediaMode, Direct),
+    document: &Document,
+) -> Result<Tuning, Error> {
     let usual = Tuning::default();
+    if direct == Direct::Grid && media == MediaMode::Table {
+        let what = "--direct grid is for --media bounded, attenuate, reference and off: tables have to know each lamp; take --direct auto";
+        return Err(Error::Usage(what.to_owned()));
+    }
+    if args.direct_alpha.is_some() && direct != Direct::Grid {
+        return Err(Error::Usage("--direct-alpha is for --direct grid".to_owned()));
+    }
     if (args.tables.is_some() || args.zh_order.is_some()) && media != MediaMode::Table {
         let what = "--tables and --zh-order are for --media table, which alone looks into response tables";
         return Err(Error::Usage(what.to_owned()));
@@ -194,15 +202,25 @@ pub(crate) fn tuning(args: &TuningArgs, media: MediaMode, document: &Document) -
         let what = "--fire grid is for --media bounded and attenuate";
         return Err(Error::Usage(what.to_owned()));
     }
-    if args.fire != Some(FireArg::Grid) && (args.fire_alpha.is_some() || args.fire_depths.is_some()) {
-        let what = "--fire-alpha and --fire-depths are for --fire grid";
+    let of_fires = args.fire_alpha.is_some() || args.fire_depths.is_some();
+    if args.fire != Some(FireArg::Grid)
+        && (of_fires || args.fire_build.is_some() || args.fire_blend.is_some())
+    {
+        let what = "--fire-alpha, --fire-depths, --fire-build and --fire-blend are for --fire grid";
         return Err(Error::Usage(what.to_owned()));
     }
     let fires = FireOptions::default();
     let fires = FireOptions {
         alpha: args.fire_alpha.unwrap_or(fires.alpha),
         depths: args.fire_depths.map_or(fires.depths, |n| n as usize),
-        ..fires
+        build: match args.fire_build {
+            Some(BuildArg::Below) => Build::FromBelow,
+            Some(BuildArg::Lights) | None => Build::FromLights,
+        },
+        blend: match args.fire_blend {
+            Some(BlendArg::Published) => Blend::Published,
+            Some(BlendArg::Conserving) | None => Blend::Conserving,
+        },
     };
     Ok(Tuning {
         fire: match args.fire {
@@ -212,6 +230,7 @@ pub(crate) fn tuning(args: &TuningArgs, media: MediaMode, document: &Document) -
         },
         light_samples: args.light_samples.unwrap_or(usual.light_samples),
         light_threshold: args.light_threshold.unwrap_or(usual.light_threshold),
+        direct_alpha: args.direct_alpha.unwrap_or(usual.direct_alpha),
         tables: args.tables.clone(),
         zh_order: args.zh_order.map_or(usual.zh_order, |n| n as usize),
     })
@@ -377,6 +396,7 @@ pub(crate) fn settings(
         let what = "--force cache=on: a limit of reflections or --media reference rules the cache out";
         return Err(Error::Usage(what.to_owned()));
     }
+    let direct = direct(args.direct, run)?;
     Ok(Settings {
         quality,
         samples,
@@ -393,8 +413,8 @@ pub(crate) fn settings(
         engine: engine(args),
         media,
         light_grid: light_grid(args.grid, quality, target),
-        direct: direct(args.direct, run)?,
-        tuning: tuning(&args.tuning, media, document)?,
+        direct,
+        tuning: tuning(&args.tuning, (media, direct), document)?,
         directional,
         probes,
         seed: args.seed.or(run.seed).unwrap_or(0),

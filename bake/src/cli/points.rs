@@ -56,7 +56,7 @@ pub(crate) fn run(args: &PointsArgs, interrupt: &Interrupt) -> Result<ExitCode, 
     let media = input::media(args.media, &input.run, &force, &input.scene)?;
     say::findings(&force.leave_out(&mut input.scene), false);
     let direct = input::direct(args.direct, &input.run)?;
-    let tuning = input::tuning(&args.tuning, media, &input.document)?;
+    let tuning = input::tuning(&args.tuning, (media, direct), &input.document)?;
     let tracing = Tracing::tuned(&input.scene, media, direct, &tuning, &force)?;
     let kernel = Kernel::new(&input.scene, &tracing, args.bounces.or(input.run.bounces), media);
     let seed = args.seed.or(input.run.seed).unwrap_or(0);

@@ -89,7 +89,7 @@ pub(crate) struct Merged {
 }
 
 impl Merged {
-    /// A kernel for which light that smoke scatters comes from these lights. It is for surfaces: what rays meet that look for it is not there.
+    /// A kernel for which light that smoke scatters comes from these lights, for surfaces and probes.
     pub(crate) fn kernel<'a>(merged: Option<&'a Self>, kernel: Kernel<'a>) -> Kernel<'a> {
         match merged {
             Some(m) => Kernel { media: Some(&m.media), fires: Some(&m.fires), grid: None, ..kernel },

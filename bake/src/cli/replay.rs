@@ -58,8 +58,6 @@ pub(crate) fn run(stages: Stages<'_>, at: Rejected) -> Result<ExitCode, Error> {
             let Some(wanted) = volumes.nth(at.page) else {
                 return nothing(format!("there is no volume {} of probes", at.page));
             };
-            let Kernel { media, fires, grid, .. } = in_air;
-            let kernel = Kernel { media, fires, grid, ..kernel };
             let probing = Probing::new(&kernel, wanted, monitor)?;
             match probing.and_then(|p| p.replay(&kernel, at.texel, at.sample)) {
                 Some(found) => Some(found),

@@ -2,7 +2,9 @@
 
 use crate::geom::world::luminance;
 use crate::light::hierarchy::shadows::{Shadows, Size, sizes};
-use crate::light::hierarchy::{Blend, Build, GridLight, Hierarchy, Options, PointLight};
+use crate::light::hierarchy::{
+    Arriving, Blend, Build, Clamp, GridLight, GridLights, Hierarchy, Options, PointLight,
+};
 use crate::media::Media;
 use crate::media::lattice::Lattice;
 use crate::scene::model::Rgb;
@@ -47,16 +49,6 @@ pub struct Fires {
     waits: bool,
 }
 
-/// A light as it counts at a place.
-pub struct Arriving<'a> {
-    /// The light.
-    pub light: &'a GridLight,
-    /// Direction towards it.
-    pub wi: Vec3A,
-    /// Illuminance on a plane that faces it, lux.
-    pub illuminance: Rgb,
-}
-
 impl Fires {
     /// `None` where nothing emits, or something does without end.
     #[must_use]
@@ -91,7 +83,11 @@ impl Fires {
         let build = |lights: &[PointLight], spacing, levels| {
             let anchor = Vec3A::ZERO;
             let FireOptions { alpha, build, blend, .. } = options;
-            Hierarchy::new(lights, &Options { spacing, alpha, levels, anchor, build, blend, keep: 1.0 })
+            let clamp = Clamp::All;
+            Hierarchy::new(
+                lights,
+                &Options { spacing, alpha, levels, anchor, build, blend, clamp, keep: 1.0 },
+            )
         };
         while MOST_LIGHTS < lights.len() {
             let coarse = build(&lights, spacing, Some(1));
@@ -106,6 +102,7 @@ impl Fires {
             anchor: Vec3A::ZERO,
             build: options.build,
             blend: options.blend,
+            clamp: Clamp::All,
             keep: KEEP,
         };
         let hierarchy = Hierarchy::new(&lights, &all);
@@ -114,12 +111,6 @@ impl Fires {
         }
         let (smoke, rest) = (Lattice::new(media).zip(media.grids()), media.beside_grids());
         Some(Self { hierarchy, smoke, rest, shadows: OnceLock::new(), options, waits: false })
-    }
-
-    /// The lights.
-    #[must_use]
-    pub fn hierarchy(&self) -> &Hierarchy {
-        &self.hierarchy
     }
 
     /// The maps of shadows, filled when first asked for; `None` where there is no smoke.
@@ -153,28 +144,33 @@ impl Fires {
         self.hierarchy.bytes() + smoke + self.sizes().iter().map(|s| s.bytes).sum::<u64>()
     }
 
-    /// Calls `visit` with each light that counts at a place, dimmed by media and not by surfaces; by smoke only once [`Self::shadows`] was asked for, which works on all threads and so cannot
-    /// be here.
+    /// Luminance that all of them emit, candela.
+    #[must_use]
+    pub fn power(&self) -> f64 {
+        let last = self.hierarchy.levels().last();
+        last.map_or(0.0, |l| l.lights.iter().map(|l| f64::from(luminance(l.intensity))).sum())
+    }
+}
+
+impl GridLights for Fires {
+    fn hierarchy(&self) -> &Hierarchy {
+        &self.hierarchy
+    }
+
+    /// Dimmed by media; by smoke only once [`Self::shadows`] was asked for, which works on all threads and so cannot be here.
     #[inline]
-    pub fn visit(&self, place: Vec3A, mut visit: impl FnMut(&Arriving<'_>)) {
+    fn visit(&self, place: Vec3A, mut visit: impl FnMut(&Arriving<'_>)) {
         let shadows = self.shadows.get().and_then(Option::as_ref);
         self.hierarchy.visit(place, |level, number, light, distance, weight| {
             let wi = (light.position - place).normalize_or(Vec3A::Y);
-            let mut illuminance = light.intensity * (weight * self.hierarchy.falloff(distance));
+            let mut illuminance = light.intensity * (weight * self.hierarchy.falloff(level, distance));
             if let Some(shadows) = shadows {
                 illuminance *= shadows.left(level, number, -wi, distance);
             }
             if let Some(rest) = &self.rest {
                 illuminance *= rest.transmittance(place, wi, distance);
             }
-            visit(&Arriving { light, wi, illuminance });
+            visit(&Arriving { level, number, light, wi, illuminance });
         });
-    }
-
-    /// Luminance that all of them emit, candela.
-    #[must_use]
-    pub fn power(&self) -> f64 {
-        let last = self.hierarchy.levels().last();
-        last.map_or(0.0, |l| l.lights.iter().map(|l| f64::from(luminance(l.intensity))).sum())
     }
 }

@@ -27,6 +27,8 @@ pub enum Direct {
     All,
     /// All are in a tree.
     Lightcuts,
+    /// Lamps in a lighting grid hierarchy where texels ask, the rest as in [`Self::Auto`].
+    Grid,
     /// Stochastic lightcuts as published: another tree and other weights, to compare with.
     Published,
     /// By intensity alone, to compare with.
@@ -45,6 +47,7 @@ impl Direct {
             Self::Auto => "auto",
             Self::All => "all",
             Self::Lightcuts => "lightcuts",
+            Self::Grid => "grid",
             Self::Published => "published",
             #[cfg(feature = "comparison")]
             Self::Intensity => "intensity",
@@ -71,7 +74,7 @@ pub fn selection(direct: Direct, n: usize, few: usize) -> Selection {
     match direct {
         _ if n == 0 => Selection::Weighed,
         Direct::All => Selection::All,
-        Direct::Auto if n <= few => Selection::Weighed,
+        Direct::Auto | Direct::Grid if n <= few => Selection::Weighed,
         _ => Selection::Tree,
     }
 }
@@ -81,6 +84,8 @@ pub fn selection(direct: Direct, n: usize, few: usize) -> Selection {
 pub enum Among {
     /// Lamps whose direct light is baked.
     BakedLamps,
+    /// The same but for those that a lighting grid hierarchy may hold.
+    BesideGrid,
     /// All lamps.
     Lamps,
     /// Emissive triangles.
@@ -94,17 +99,19 @@ pub enum Among {
 /// Kinds of lights that may be left out: groups of the tree.
 const BAKED: u32 = 1;
 const MIXED: u32 = 2;
-const NARROW: u32 = 4;
-const WIDE: u32 = 8;
+const GRIDDED: u32 = 4;
+const NARROW: u32 = 8;
+const WIDE: u32 = 16;
 
 impl Among {
     fn groups(self) -> u32 {
         match self {
-            Self::BakedLamps => BAKED,
-            Self::Lamps => BAKED | MIXED,
+            Self::BakedLamps => BAKED | GRIDDED,
+            Self::BesideGrid => BAKED,
+            Self::Lamps => BAKED | MIXED | GRIDDED,
             Self::Emitters => NARROW | WIDE,
             Self::EmittersInMedia => NARROW,
-            Self::InMedia => BAKED | MIXED | NARROW,
+            Self::InMedia => BAKED | MIXED | GRIDDED | NARROW,
         }
     }
 }
@@ -155,13 +162,15 @@ impl ManyLights {
     pub fn new(direct: Direct, lamps: Option<&[Punctual]>, emitters: Option<&Emitters>) -> Option<Self> {
         let lamps = lamps.unwrap_or_default();
         let n = emitters.map_or(0, Emitters::len);
-        let mut kinds: [Vec<Chosen>; 4] = Default::default();
+        let mut kinds: [Vec<Chosen>; 5] = Default::default();
         for (i, lamp) in lamps.iter().enumerate() {
-            kinds[usize::from(lamp.indirect_only)].push(Chosen::Lamp(i));
+            let kind =
+                if direct == Direct::Grid && lamp.suits_grid() { 2 } else { usize::from(lamp.indirect_only) };
+            kinds[kind].push(Chosen::Lamp(i));
         }
         for k in 0..n {
             let grouped = emitters.is_some_and(|e| e.group_of(k).is_some());
-            kinds[if grouped { 2 } else { 3 }].push(Chosen::Emitter(k));
+            kinds[if grouped { 3 } else { 4 }].push(Chosen::Emitter(k));
         }
         let sizes = kinds.each_ref().map(Vec::len);
         let order: Vec<Chosen> = kinds.into_iter().flatten().collect();
@@ -183,7 +192,9 @@ impl ManyLights {
         let parts = lights.split_at(lamps.len());
         let first = lamps.len() as u32;
         let how = match direct {
-            Direct::Auto | Direct::All | Direct::Lightcuts => How::Tree(LightTree::new(&lights, &sizes)),
+            Direct::Auto | Direct::All | Direct::Lightcuts | Direct::Grid => {
+                How::Tree(LightTree::new(&lights, &sizes))
+            }
             Direct::Published => {
                 How::Published(Box::new([Lightcuts::new(parts.0), Lightcuts::new(parts.1)]), first)
             }
@@ -311,7 +322,7 @@ impl ManyLights {
 /// Chooses one kind by a coin, where both are asked, then by `one`. Numbers of emissive triangles start at `first`.
 fn of_kind(among: Among, u: f64, first: u32, one: impl Fn(usize, f64) -> Option<Pick>) -> Option<Pick> {
     let (kind, u, half) = match among {
-        Among::BakedLamps | Among::Lamps => (0, u, 1.0),
+        Among::BakedLamps | Among::BesideGrid | Among::Lamps => (0, u, 1.0),
         Among::Emitters | Among::EmittersInMedia => (1, u, 1.0),
         Among::InMedia if u < 0.5 => (0, 2.0 * u, 0.5),
         Among::InMedia => (1, 2.0 * u - 1.0, 0.5),

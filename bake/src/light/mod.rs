@@ -5,6 +5,7 @@ pub mod beams;
 pub mod emitters;
 pub mod fires;
 pub mod hierarchy;
+pub mod lamp_grid;
 pub mod many;
 pub mod punctual;
 pub mod sky;
@@ -16,6 +17,7 @@ use crate::scene::model::{LightKind, LightMode, Scene, Surface};
 pub use beams::Beams;
 pub use emitters::Emitters;
 use glam::{Vec3, Vec3A};
+pub use lamp_grid::LampGrid;
 pub use many::{Direct, ManyLights, Selection, selection};
 use many::{FEW_EMITTERS, FEW_LAMPS};
 pub use punctual::{Punctual, Sun};
@@ -40,6 +42,8 @@ pub struct Lights {
     pub emitters_by: Selection,
     /// The tree of those that are many.
     pub many: Option<ManyLights>,
+    /// The lamps that receivers ask all at once.
+    pub lamp_grid: Option<LampGrid>,
     /// How many of many texels ask at once.
     pub asked_at_once: usize,
     /// Which of the small kernels run.
@@ -87,11 +91,18 @@ impl Lights {
         Self { many, asked_at_once: asked_at_once as usize, ..self }
     }
 
+    /// The same with the lamps that suit in a lighting grid hierarchy of this alpha.
+    #[must_use]
+    pub fn in_grid(self, alpha: f32) -> Self {
+        Self { lamp_grid: LampGrid::new(&self.punctual, alpha), ..self }
+    }
+
     /// Bytes that lamps, emissive triangles and their tree take, about.
     #[must_use]
     pub fn bytes(&self) -> usize {
         let tree = self.many.as_ref().map_or(0, ManyLights::bytes);
-        self.punctual.len() * size_of::<Punctual>() + self.emitters.bytes() + tree
+        let grid = self.lamp_grid.as_ref().map_or(0, LampGrid::bytes);
+        self.punctual.len() * size_of::<Punctual>() + self.emitters.bytes() + tree + grid as usize
     }
 
     /// The tree, if lamps are in it.
@@ -161,6 +172,17 @@ impl Lights {
             no_image: !sky.is_sampled(),
         };
         let asked_at_once = many::SEVERAL as usize;
-        Self { punctual, suns, emitters, sky, lamps_by, emitters_by, many, asked_at_once, small }
+        Self {
+            punctual,
+            suns,
+            emitters,
+            sky,
+            lamps_by,
+            emitters_by,
+            many,
+            lamp_grid: None,
+            asked_at_once,
+            small,
+        }
     }
 }

@@ -48,6 +48,12 @@ impl Punctual {
         }
     }
 
+    /// Whether it shines evenly everywhere, and its direct light is baked: what a lighting grid hierarchy may hold.
+    #[must_use]
+    pub fn suits_grid(&self) -> bool {
+        self.cone.is_none() && self.range.is_none() && !self.indirect_only
+    }
+
     /// Where it is, metres relative to the world's origin.
     #[must_use]
     pub fn position(&self) -> Vec3A {

@@ -45,7 +45,7 @@ pub fn write(plan: &Plan, staging: &Staging) -> Result<Vec<manifest::Medium>> {
         return Ok(Vec::new());
     }
     let mut list = Vec::new();
-    for medium in plan.scene().media.iter().filter(|m| m.dims()) {
+    for medium in plan.scene().media.iter().filter(|m| m.dims() || m.emission != Vec3::ZERO) {
         list.extend(describe(medium, list.len(), staging)?);
     }
     Ok(list)
@@ -87,6 +87,7 @@ fn describe(medium: &Medium, number: usize, staging: &Staging) -> Result<Option<
         path: medium.path.clone(),
         sigma_s: (medium.sigma_s * unit).to_array(),
         sigma_a: (medium.sigma_a * unit).to_array(),
+        emission: (medium.emission * unit).to_array(),
         g: medium.g,
         unit_from_world,
         height: match medium.density {
@@ -104,7 +105,7 @@ fn unit_of(texels: &[f32], medium: &Medium) -> f32 {
     if most == 0.0 || (LEAST_PLAIN..MOST_PLAIN).contains(&most) {
         return 1.0;
     }
-    let sigma = medium.sigma_s.max(medium.sigma_a).max_element();
+    let sigma = medium.sigma_s.max(medium.sigma_a).max(medium.emission).max_element();
     let room = (0.5 * f32::MAX / sigma).log2().floor();
     most.log2().floor().min(room).exp2()
 }

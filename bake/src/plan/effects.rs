@@ -1,5 +1,6 @@
 //! What a scene contains, and what runs because of it.
 
+use crate::light::hierarchy::GridLights;
 use crate::light::many::EVERY_LAMP;
 use crate::light::{Direct, Selection};
 use crate::plan::Tracing;
@@ -142,10 +143,15 @@ pub fn list(scene: &Scene, tracing: &Tracing, settings: &Settings) -> Vec<Decisi
         effect(effect_, name, 0 < needed, because)
     };
     let from_tree = match settings.direct {
-        Direct::Auto => ": many, chosen from a tree (stochastic lightcuts)",
+        Direct::Auto | Direct::Grid => ": many, chosen from a tree (stochastic lightcuts)",
         Direct::Lightcuts => ", chosen from a tree (stochastic lightcuts)",
         _ => ", chosen as --direct says, to compare with",
     };
+    let by_grid = lights.lamp_grid.as_ref().map_or_else(String::new, |grid| {
+        let levels = grid.hierarchy().levels();
+        let n = levels[0].lights.len();
+        format!("; texels ask {n} of them at once, in a lighting grid hierarchy of {} levels", levels.len())
+    });
     vec![
         effect(
             Effect::Lamps,
@@ -159,7 +165,8 @@ pub fn list(scene: &Scene, tracing: &Tracing, settings: &Settings) -> Vec<Decisi
                     }
                     (_, Selection::Weighed) => ": few, each weighed by what it brings unshadowed, one chosen",
                     (_, Selection::Tree) => from_tree,
-                },
+                }
+                + &by_grid,
         ),
         effect(Effect::Suns, "suns", !lights.suns.is_empty(), count(lights.suns.len(), "directional light")),
         effect(

@@ -80,6 +80,9 @@ impl Tracing {
         let mut world = World::new(scene);
         let lights = Lights::chosen(scene, &world, direct, force.choosing());
         let mut lights = lights.tuned(tuning.light_samples, tuning.light_threshold);
+        if direct == Direct::Grid {
+            lights = lights.in_grid(tuning.direct_alpha);
+        }
         let kernels = Kernels::choose(scene, &lights, (mode, direct), force)?;
         kernels.set_lights(&mut lights);
         let mut bvh = Bvh::build(&world, |t| {

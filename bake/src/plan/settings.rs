@@ -3,6 +3,7 @@
 use crate::geom::atlas::{AtlasOptions, Density, Engine, Unwrap};
 use crate::light::Direct;
 use crate::light::fires::FireOptions;
+use crate::light::lamp_grid;
 use crate::light::many::{SEVERAL, THRESHOLD};
 use crate::media::Media;
 use crate::plan::kernels::Force;
@@ -154,6 +155,8 @@ pub struct Tuning {
     pub light_samples: u32,
     /// Squared half diagonal over squared distance beyond which a node of lights is opened.
     pub light_threshold: f32,
+    /// Radius of influence over spacing of the lighting grid hierarchy that holds lamps.
+    pub direct_alpha: f32,
     /// File of response tables instead of the embedded ones.
     pub tables: Option<PathBuf>,
     /// Bands of zonal harmonics that responses have, 1 to 11.
@@ -197,6 +200,7 @@ impl Default for Tuning {
         Self {
             light_samples: SEVERAL,
             light_threshold: THRESHOLD,
+            direct_alpha: lamp_grid::ALPHA,
             tables: None,
             zh_order: BANDS,
             fire: FireBy::Paths,
@@ -422,11 +426,14 @@ impl Settings {
             ("direct", json!(self.direct.name())),
             ("light_samples", json!(self.tuning.light_samples)),
             ("light_threshold", json!(self.tuning.light_threshold)),
+            ("direct_alpha", json!((self.direct == Direct::Grid).then_some(self.tuning.direct_alpha))),
             ("media", json!(self.media.name())),
             ("zh_order", json!((self.media == MediaMode::Table).then_some(self.tuning.zh_order))),
             ("fire", json!(self.tuning.fire.name())),
             ("fire_alpha", json!(self.fire().map(|f| f.alpha))),
             ("fire_depths", json!(self.fire().map(|f| f.depths))),
+            ("fire_build", json!(self.fire().map(|f| f.build.name()))),
+            ("fire_blend", json!(self.fire().map(|f| f.blend.name()))),
             ("grid_nodes", json!(self.light_grid().map(|f| f.nodes))),
             ("grid_paths", json!(self.light_grid().map(|f| f.paths))),
             ("grid_orders", json!(self.light_grid().and_then(|f| f.orders))),

@@ -8,6 +8,7 @@ use crate::geom::{Hit, Ray};
 use crate::sample::Sequence;
 use crate::scene::model::Rgb;
 use crate::transport::airlight::in_air;
+use crate::transport::by_grid::pick;
 use crate::transport::lamps::Patches;
 use crate::transport::path::{Kernel, Vertex};
 use glam::{Vec3, Vec3A};
@@ -101,6 +102,7 @@ impl<const AIR: bool> Kernel<'_, AIR> {
             None => {
                 self.lamps_around(&from, sequence, rays, visit);
                 self.sky_apart(p, pdf, sequence, rays, visit);
+                self.fires_apart_of(p, sequence, rays, visit);
                 let leg = self.follow_beside_sky(&from, (wi, pdf), sequence, rays);
                 self.leg_brings(leg, None, sequence, rays)
             }
@@ -134,6 +136,30 @@ impl<const AIR: bool> Kernel<'_, AIR> {
         if left != Vec3::ZERO && 0.0 < s.pdf_solid_angle {
             visit(s.wi, self.lights.sky.radiance(s.wi) * left / (s.pdf_solid_angle + chance));
         }
+    }
+
+    /// One of the lights that media are, chosen by what it brings: rays that look around do not count these.
+    fn fires_apart_of(
+        &self,
+        p: Vec3A,
+        sequence: &mut Sequence,
+        rays: &mut u32,
+        visit: &mut dyn FnMut(Vec3A, Rgb),
+    ) {
+        let Some(fires) = self.fires() else { return };
+        let [u, v, w, _] = sequence.next4();
+        pick(
+            fires,
+            p,
+            (1, [u, v, w]),
+            |_| 1.0,
+            |position, light| {
+                let way = position - p;
+                let t_max = way.length();
+                let wi = way.normalize_or(Vec3A::Y);
+                visit(wi, light * self.unblocked(&in_air(p), wi, t_max, rays));
+            },
+        );
     }
 
     /// The first surface that light does not pass in a direction from a place in the air.

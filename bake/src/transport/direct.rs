@@ -124,6 +124,14 @@ impl<const AIR: bool> Kernel<'_, AIR> {
                 (punctual && !lights.punctual.is_empty()) || (emitters && !lights.emitters.is_empty());
             let [a, b, c, d] = numbers(there, sequence);
             let n = if receiver && part == Part::Small { lights.asked_at_once } else { 1 };
+            if punctual
+                && receiver
+                && let Some(grid) = &lights.lamp_grid
+            {
+                let [u, v, w, _] = sequence.next4();
+                let seen = |wi, t_max, rays: &mut u32| self.transmittance(vertex, wi, t_max, rays);
+                out.small += self.lit_by(grid, vertex, (n, [u, v, w]), &seen, rays);
+            }
             if punctual {
                 let at = Asked { vertex, receiver, arrival, n };
                 out.small += self.punctual(&at, finer(a, fine[0]), rays);
@@ -157,7 +165,11 @@ impl<const AIR: bool> Kernel<'_, AIR> {
         if let Some(media) = self.glowing() {
             let asked = if receiver && self.fires_apart() { small } else { area };
             match self.fires() {
-                Some(fires) if asked => out.area += self.lit_by(fires, vertex, sequence.next4(), rays),
+                Some(fires) if asked => {
+                    let [u, v, w, _] = sequence.next4();
+                    let seen = |wi, t_max, rays: &mut u32| self.unblocked(vertex, wi, t_max, rays);
+                    out.area += self.lit_by(fires, vertex, (1, [u, v, w]), &seen, rays);
+                }
                 None if area => out.area += self.fire(media, vertex, sequence.next4(), rays),
                 _ => {}
             }
@@ -187,8 +199,12 @@ impl<const AIR: bool> Kernel<'_, AIR> {
     fn punctual(&self, at: &Asked<'_>, u: f64, rays: &mut u32) -> Rgb {
         let Asked { vertex, receiver, arrival, n } = *at;
         let list = &self.lights.punctual;
-        let share = |i: usize| self.share(receiver && list[i].indirect_only);
-        if self.lights.small.one_lamp {
+        // What the grid holds is asked of it.
+        let by_grid = receiver && self.lights.lamp_grid.is_some();
+        let share = |i: usize| {
+            if by_grid && list[i].suits_grid() { None } else { self.share(receiver && list[i].indirect_only) }
+        };
+        if self.lights.small.one_lamp && !by_grid {
             return self.only_lamp(at, rays);
         }
         let by = self.lights.lamps_by;
@@ -202,7 +218,11 @@ impl<const AIR: bool> Kernel<'_, AIR> {
                 .sum();
         }
         if let Some(many) = self.lights.many_lamps() {
-            let among = if receiver && self.responses().is_none() { Among::BakedLamps } else { Among::Lamps };
+            let among = match (receiver && self.responses().is_none(), by_grid) {
+                (true, true) => Among::BesideGrid,
+                (true, false) => Among::BakedLamps,
+                (false, _) => Among::Lamps,
+            };
             let mut sum = Vec3::ZERO;
             many.several(&self.emitter_receiver(vertex), among, n, u, &mut |light, _, chance| {
                 let Chosen::Lamp(i) = light else { return };

@@ -5,8 +5,6 @@
 
 use crate::geom::Ray;
 use crate::geom::ray::offset_distance;
-use crate::geom::world::luminance;
-use crate::light::fires::Fires;
 use crate::media::Media;
 use crate::sample::warp::cos_hemisphere_pdf;
 use crate::scene::model::Rgb;
@@ -15,41 +13,6 @@ use glam::{Vec3, Vec3A};
 use std::f32::consts::FRAC_1_PI;
 
 impl<const AIR: bool> Kernel<'_, AIR> {
-    /// `E / pi` of media that emit as many lights: all of what they bring by way of the media, and of one that is chosen by that, whether surfaces are in its way, nits.
-    /// Such a light is as wide as what it stands for (\[LGH17\] section 4), and the ray goes to a place in it.
-    #[inline(never)]
-    pub(crate) fn lit_by(&self, fires: &Fires, vertex: &Vertex, u: [f32; 4], rays: &mut u32) -> Rgb {
-        let (mut total, mut rest) = (0.0, u[0]);
-        let mut chosen = None;
-        fires.visit(vertex.position, |a| {
-            let cos = a.wi.dot(vertex.shading_normal);
-            if cos <= 0.0 || a.wi.dot(vertex.geometric_normal) <= 0.0 {
-                return;
-            }
-            let light = a.illuminance * cos;
-            let weight = luminance(light);
-            if weight <= 0.0 {
-                return;
-            }
-            total += weight;
-            // One of all that come by, with chances in proportion to weights.
-            let chance = weight / total;
-            if rest < chance {
-                chosen = Some((a.light.position, a.light.deviation, light / weight));
-                rest /= chance;
-            } else {
-                rest = (rest - chance) / (1.0 - chance);
-            }
-        });
-        let Some((position, deviation, colour)) = chosen else { return Vec3::ZERO };
-        // Evenly in a box whose deviation is the light's.
-        let place = position + deviation * (3f32.sqrt() * (2.0 * Vec3A::new(u[1], u[2], u[3]) - 1.0));
-        let way = place - vertex.position;
-        let way = if 0.0 < way.dot(vertex.geometric_normal) { way } else { position - vertex.position };
-        let distance = way.length();
-        colour * (total * FRAC_1_PI) * self.unblocked(vertex, way / distance, distance, rays)
-    }
-
     /// `E / pi` of media that emit, one sample, nits.
     #[inline(never)]
     pub(crate) fn fire(&self, media: &Media, vertex: &Vertex, u: [f32; 4], rays: &mut u32) -> Rgb {

@@ -4,6 +4,7 @@ pub(crate) mod air;
 pub(crate) mod airlight;
 pub mod around;
 mod ask;
+mod by_grid;
 pub mod cache;
 pub mod connect;
 pub mod direct;

@@ -48,7 +48,7 @@ const FROM_SURFACE: u8 = 0;
 /// A ray from a place in the air: nothing else finds what it finds.
 const IN_AIR: u8 = 1;
 
-/// As [`IN_AIR`], but that the image of a sky is chosen as well.
+/// As [`IN_AIR`], but that the image of a sky and lights that media are are chosen as well.
 const BESIDE_SKY: u8 = 2;
 
 /// Which path of an estimate is walked.
@@ -518,7 +518,7 @@ impl<const AIR: bool> Kernel<'_, AIR> {
         for _ in 0..MAX_LAYERS {
             *rays += 1;
             let hit = self.closest(&ray);
-            if let Some(media) = self.glowing().filter(|_| HOW != FROM_SURFACE || self.fires().is_none()) {
+            if let Some(media) = self.glowing().filter(|_| HOW == IN_AIR || self.fires().is_none()) {
                 let t = hit.map_or(f32::INFINITY, |h| h.t);
                 let before = if spread.is_none() { clear } else { self.weaken(from.position, wi, travelled) };
                 let weight = *by_chance.get_or_insert_with(|| match HOW {

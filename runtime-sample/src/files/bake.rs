@@ -144,7 +144,10 @@ impl Bake {
         let scene = Scene::open(&dir.join("scene.glb"), pages.len())?;
         let probes = manifest.probes.first().map(|p| volume(&dir.join(&p.file))).transpose()?;
         let lamps: Vec<Lamp> = manifest.lights.iter().filter_map(lamp).collect();
-        let media = Media::open(dir, &manifest.media, reading.volume)?;
+        // What only emits is no fog.
+        let dims = |m: &&manifest::Medium| m.sigma_s != [0.0; 3] || m.sigma_a != [0.0; 3];
+        let media: Vec<_> = manifest.media.iter().filter(dims).cloned().collect();
+        let media = Media::open(dir, &media, reading.volume)?;
         let apart = lamps.len() <= reading.lamps;
         let fits = |g: &manifest::LightGrid| {
             let slices = g.slices.saturating_mul(BLOCKS);

@@ -417,6 +417,9 @@ pub struct Medium {
     pub sigma_s: [f32; 3],
     /// Absorption where the density is 1, per metre; at least 0.
     pub sigma_a: [f32; 3],
+    /// What it emits where the density is 1, nits per metre; at least 0. The light of it on surfaces and probes is baked, what one sees of it is not.
+    #[serde(default, skip_serializing_if = "is_black")]
+    pub emission: [f32; 3],
     /// Mean cosine of scattering (Henyey-Greenstein), between -1 and 1.
     pub g: f32,
     /// The affine map from the world to the cube \[0, 1\]^3 that the medium is in, outside of which the density is 0: the three columns of its matrix, then the
@@ -429,6 +432,10 @@ pub struct Medium {
     /// Density as a texture.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub texture: Option<DensityTexture>,
+}
+
+fn is_black(light: &[f32; 3]) -> bool {
+    *light == [0.0; 3]
 }
 
 /// The density exp(-(y - base) / falloff) at the height y.

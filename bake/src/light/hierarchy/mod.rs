@@ -19,7 +19,7 @@ use crate::geom::world::luminance;
 use crate::scene::model::Rgb;
 use glam::{DVec3, IVec3, Vec3A, Vec4, ivec3};
 use rayon::prelude::*;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
 /// A point that emits the same in all directions.
@@ -46,6 +46,30 @@ pub struct GridLight {
     pub vertex: IVec3,
 }
 
+/// A light as it counts at a place.
+#[derive(Clone, Copy, Debug)]
+pub struct Arriving<'a> {
+    /// Its level.
+    pub level: usize,
+    /// Its number there.
+    pub number: usize,
+    /// The light.
+    pub light: &'a GridLight,
+    /// Direction towards it.
+    pub wi: Vec3A,
+    /// Illuminance on a plane that faces it, lux; below 0 where it takes back what lights of other levels bring too much.
+    pub illuminance: Rgb,
+}
+
+/// Lights in a hierarchy and what is in their way.
+pub trait GridLights {
+    /// The lights.
+    fn hierarchy(&self) -> &Hierarchy;
+
+    /// Calls `visit` with each light that counts at a place, dimmed by what is known beforehand and not by surfaces.
+    fn visit(&self, place: Vec3A, visit: impl FnMut(&Arriving<'_>));
+}
+
 /// What the lights of a level come from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Build {
@@ -56,6 +80,28 @@ pub enum Build {
     FromBelow,
 }
 
+impl Build {
+    /// Name on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::FromLights => "lights",
+            Self::FromBelow => "below",
+        }
+    }
+}
+
+impl Blend {
+    /// Name on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Published => "published",
+            Self::Conserving => "conserving",
+        }
+    }
+}
+
 /// How a light fades where the level above takes over.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Blend {
@@ -64,6 +110,16 @@ pub enum Blend {
     /// By the distances of the lights above that have shares of it.
     #[default]
     Conserving,
+}
+
+/// The nearest that lights count as, so that sums of them stay bounded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Clamp {
+    /// Half of the spacing of level 1, for all of them, as published: lights stand for something as wide.
+    #[default]
+    All,
+    /// The same but for lights of level 0, which are as near as they are.
+    Above,
 }
 
 /// How a hierarchy is built.
@@ -81,6 +137,8 @@ pub struct Options {
     pub build: Build,
     /// How levels take over from each other.
     pub blend: Blend,
+    /// Which distances are limited.
+    pub clamp: Clamp,
     /// Part of the light of a level below the last that has to be kept; the weakest lights that make up the rest are left out.
     pub keep: f32,
 }
@@ -102,6 +160,10 @@ pub struct Level {
     links: Vec<Vec4>,
     /// For each light, where its links begin, and the distance of the farthest of them, metres.
     above: Vec<(u32, f32)>,
+    /// Which lights of the level below each stands for, and how much these and all before them of the same light bring: luminance times share. None on the first.
+    parts: Vec<(u32, f32)>,
+    /// For each light, where its parts begin, with their end after all.
+    begins: Vec<u32>,
     /// Lights by bins as wide as it reaches.
     bins: HashMap<IVec3, Range<usize>>,
 }
@@ -112,6 +174,7 @@ pub struct Hierarchy {
     levels: Vec<Level>,
     /// Distances below this count as this, metres.
     clamp: f32,
+    clamped: Clamp,
     anchor: Vec3A,
     build: Build,
     blend: Blend,
@@ -179,6 +242,7 @@ impl Hierarchy {
         let mut hierarchy = Self {
             levels: Vec::new(),
             clamp: spacing(options.spacing, 0),
+            clamped: options.clamp,
             anchor: options.anchor,
             build: options.build,
             blend: options.blend,
@@ -193,7 +257,59 @@ impl Hierarchy {
             let level = Level::new(lights, (h, options.alpha), (keep, options.blend), links);
             hierarchy.levels.push(level);
         }
+        for l in 1..hierarchy.levels.len() {
+            let parts = hierarchy.parts(l);
+            let here = &mut hierarchy.levels[l];
+            for parts in parts {
+                here.begins.push(here.parts.len() as u32);
+                let mut sum = 0.0;
+                here.parts.extend(parts.iter().map(|(child, part)| {
+                    sum += part;
+                    (*child as u32, sum)
+                }));
+            }
+            here.begins.push(here.parts.len() as u32);
+        }
         hierarchy
+    }
+
+    /// The spacing of level 1 for lights that come from no grid: that of their bounding box is halved for as long as no more vertices than lights shine (\[LGH17\] section 6.4, which stops one level later, with
+    /// more of them than lights).
+    #[must_use]
+    pub fn spacing_for(lights: &[PointLight], anchor: Vec3A) -> f32 {
+        let lit: Vec<Vec3A> =
+            lights.iter().filter(|l| 0.0 < luminance(l.intensity)).map(|l| l.position).collect();
+        let none = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
+        let (low, high) = lit.iter().fold(none, |(a, b), p| (a.min(*p), b.max(*p)));
+        let extent = if lit.is_empty() { 0.0 } else { (high - low).max_element() };
+        // Lights that are all at one place need no levels.
+        let mut h = extent.max(1e-3);
+        for _ in 0..MOST {
+            let vertices: HashSet<IVec3> =
+                lit.iter().flat_map(|p| trilinear(*p, 0.5 * h, anchor).map(|(v, _)| v)).collect();
+            if lit.len() < vertices.len() {
+                break;
+            }
+            h *= 0.5;
+        }
+        h
+    }
+
+    /// A light of level 0 that one of a level stands for, in proportion to what they bring: its place and deviation.
+    #[must_use]
+    pub fn one_of(&self, level: usize, number: usize, mut u: f64) -> &GridLight {
+        let mut number = number;
+        for l in (1..=level).rev() {
+            let here = &self.levels[l];
+            let parts = &here.parts[here.begins[number] as usize..here.begins[number + 1] as usize];
+            let Some((_, total)) = parts.last() else { return &here.lights[number] };
+            let at = u * f64::from(*total);
+            let k = parts.partition_point(|(_, sum)| f64::from(*sum) <= at).min(parts.len() - 1);
+            let before = k.checked_sub(1).map_or(0.0, |k| f64::from(parts[k].1));
+            u = ((at - before) / (f64::from(parts[k].1) - before)).clamp(0.0, 1.0);
+            number = parts[k].0 as usize;
+        }
+        &self.levels[0].lights[number]
     }
 
     /// The vertices of the level above, `next` apart, that have shares of a light of a level, and these.
@@ -298,8 +414,7 @@ impl Hierarchy {
     }
 
     /// For each light of a level above the first, which lights of the level below it stands for, and how much they bring: luminance times share.
-    #[must_use]
-    pub(super) fn parts(&self, level: usize) -> Vec<Vec<(usize, f32)>> {
+    fn parts(&self, level: usize) -> Vec<Vec<(usize, f32)>> {
         let (here, below) = (&self.levels[level], &self.levels[level - 1].lights);
         let numbers: HashMap<IVec3, usize> =
             here.lights.iter().enumerate().map(|(i, l)| (l.vertex, i)).collect();
@@ -318,17 +433,18 @@ impl Hierarchy {
     #[must_use]
     pub fn unshadowed(&self, place: Vec3A) -> Rgb {
         let mut sum = Rgb::ZERO;
-        self.visit(place, |_, _, light, distance, weight| {
-            sum += light.intensity * (weight * self.falloff(distance));
+        self.visit(place, |level, _, light, distance, weight| {
+            sum += light.intensity * (weight * self.falloff(level, distance));
         });
         sum
     }
 
-    /// The inverse square of a distance, clamped; 1/m^2.
+    /// The inverse square of a distance to a light of a level, clamped; 1/m^2.
     #[must_use]
     #[inline]
-    pub fn falloff(&self, distance: f32) -> f32 {
-        let d = distance.max(self.clamp);
+    pub fn falloff(&self, level: usize, distance: f32) -> f32 {
+        let near = self.clamped == Clamp::Above && level == 0;
+        let d = if near { distance } else { distance.max(self.clamp) };
         (d * d).recip()
     }
 
@@ -339,6 +455,8 @@ impl Hierarchy {
             l.lights.len() * size_of::<GridLight>()
                 + l.links.len() * 16
                 + l.above.len() * 8
+                + l.parts.len() * 8
+                + l.begins.len() * 4
                 + l.bins.len() * 64
         };
         self.levels.iter().map(|l| of(l) as u64).sum()
@@ -377,6 +495,8 @@ impl Level {
             reach: side,
             links: Vec::new(),
             above: Vec::new(),
+            parts: Vec::new(),
+            begins: Vec::new(),
             bins: HashMap::new(),
             lights,
         };

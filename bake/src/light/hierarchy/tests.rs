@@ -26,6 +26,7 @@ fn options(alpha: f32) -> Options {
         anchor: Vec3A::ZERO,
         build: Build::FromLights,
         blend: Blend::Conserving,
+        clamp: Clamp::All,
         keep: 1.0,
     }
 }
@@ -167,12 +168,12 @@ fn the_error_falls_with_alpha() {
                 let normal = (Vec3A::splat(2.0) - place).normalize();
                 let cos = |p: Vec3A| (p - place).normalize().dot(normal).max(0.0);
                 let (mut sums, mut want) = ([0.0; 2], [0.0; 2]);
-                h.visit(place, |_, _, l, d, w| {
-                    let all = luminance(l.intensity) * w * h.falloff(d);
+                h.visit(place, |level, _, l, d, w| {
+                    let all = luminance(l.intensity) * w * h.falloff(level, d);
                     sums = [sums[0] + all * cos(l.position), sums[1] + all];
                 });
                 for l in &lights {
-                    let all = luminance(l.intensity) * h.falloff(l.position.distance(place));
+                    let all = luminance(l.intensity) * h.falloff(0, l.position.distance(place));
                     want = [want[0] + all * cos(l.position), want[1] + all];
                 }
                 facing += f64::from((sums[0] / want[0] - 1.0).abs()) / 200.0;
@@ -201,6 +202,88 @@ fn small_moves_make_small_changes() {
     let step = values.windows(2).map(|w| (w[1] / w[0] - 1.0).abs()).fold(0.0, f32::max);
     println!("greatest change in a thousandth of a cell: {step:.2e}");
     assert!(step < 5e-4, "{step}");
+}
+
+/// What one of a level stands for comes up in proportion to what it brings.
+#[test]
+fn lights_of_a_level_lead_to_those_they_stand_for() {
+    for build in [Build::FromLights, Build::FromBelow] {
+        let lights = cloud(300, 8);
+        let h = Hierarchy::new(&lights, &Options { build, ..options(2.0) });
+        for level in 1..h.levels().len() {
+            let here = &h.levels()[level].lights;
+            let (mut sum, mut square) = (Vec3A::ZERO, Vec3A::ZERO);
+            // One in the middle of them.
+            let number = here.len() / 2;
+            let n = 1 << 14;
+            for k in 0..n {
+                let off = h.one_of(level, number, (f64::from(k) + 0.5) / f64::from(n)).position
+                    - here[number].position;
+                sum += off / n as f32;
+                square += off * off / n as f32;
+            }
+            let deviation = here[number].deviation;
+            assert!(sum.length() < 2e-3 * h.levels()[level].spacing, "{build:?} {level}: {sum}");
+            let more = build == Build::FromBelow;
+            let got = square.map(f32::sqrt);
+            assert!(
+                more || (got - deviation).abs().max_element() < 5e-3 * h.levels()[level].spacing,
+                "{build:?} {level}: {got} for {deviation}"
+            );
+        }
+        // Of the last level every light has its part.
+        let last = h.levels().len() - 1;
+        assert!(h.levels()[last].lights.len() <= 8);
+    }
+}
+
+/// Points where light that left a lamp met the walls of a room, as lights of their own: the spacing comes from them, and the larger alpha, the nearer to a sum over all, as in \[LGH17\] figure 13.
+#[test]
+fn points_where_light_was_reflected_need_no_spacing() {
+    const N: u32 = 50_000;
+    let lamp = Vec3A::new(1.0, 2.5, 1.5);
+    let room = Vec3A::new(4.0, 3.0, 6.0);
+    let point = |k: u32| {
+        let [a, b, ..] = Sequence::new(sequence::key(3, 9, u64::from(k)), 0).next4();
+        let (z, phi) = (1.0 - 2.0 * a, std::f32::consts::TAU * b);
+        let r = (1.0 - z * z).sqrt();
+        let way = Vec3A::new(r * phi.cos(), z, r * phi.sin());
+        let t = way.signum().max(Vec3A::ZERO) * room - lamp;
+        let t = (t / way).min_element();
+        // What a wall of albedo 0.5 sends on, alike in all directions.
+        PointLight { position: lamp + way * t, intensity: Vec3::new(0.5, 0.4, 0.3) / N as f32 }
+    };
+    let lights: Vec<PointLight> = (0..N).map(point).collect();
+    let spacing = Hierarchy::spacing_for(&lights, Vec3A::ZERO);
+    let of = |alpha| Hierarchy::new(&lights, &Options { spacing, ..options(alpha) });
+    let vertices = of(1.0).levels()[1].lights.len();
+    assert!(vertices <= N as usize && N as usize <= 8 * vertices, "{vertices} of level 1");
+    let error = |alpha: f32| {
+        let h = of(alpha);
+        let (mut off, mut asked) = (0.0, 0);
+        for k in 0..60u32 {
+            let [a, b, c, _] = Sequence::new(77, k).next4();
+            let place = Vec3A::new(a, b, c) * room;
+            h.visit(place, |_, _, _, _, _| asked += 1);
+            let each = |l: &PointLight| f64::from(l.intensity.x * h.falloff(0, l.position.distance(place)));
+            let want: f64 = lights.iter().map(each).sum();
+            off += (f64::from(h.unshadowed(place).x) / want - 1.0).abs() / 60.0;
+        }
+        (off, asked / 60)
+    };
+    let [one, four, sixteen] = [1.0, 4.0, 16.0].map(error);
+    println!(
+        "h_1 {:.1} cm, {vertices} vertices; alpha 1, 4, 16: error {:.3}, {:.3}, {:.4} % with {}, {}, {} of {N} lights",
+        100.0 * spacing,
+        100.0 * one.0,
+        100.0 * four.0,
+        100.0 * sixteen.0,
+        one.1,
+        four.1,
+        sixteen.1
+    );
+    assert!(one.0 < 0.15 && four.0 < 0.2 * one.0 && sixteen.0 < 0.2 * four.0, "{one:?} {four:?} {sixteen:?}");
+    assert!(one.1 < four.1 && four.1 < sixteen.1 && sixteen.1 < N as usize, "{one:?} {four:?} {sixteen:?}");
 }
 
 mod shadows {
