@@ -64,7 +64,10 @@ impl GridLights for LampGrid {
         self.hierarchy.visit(place, |level, number, light, distance, weight| {
             let wi = (light.position - place).normalize_or(Vec3A::Y);
             let illuminance = light.intensity * (weight * self.hierarchy.falloff(level, distance));
-            visit(&Arriving { level, number, light, wi, illuminance });
+            // At a lamp itself its illuminance has no value.
+            if 0.0 < distance {
+                visit(&Arriving { level, number, light, wi, illuminance });
+            }
         });
     }
 }
@@ -84,7 +87,7 @@ mod tests {
     fn floors_under_lamps_are_as_bright() {
         let lamp = |k: u32| {
             let [a, b, c, d] = Sequence::new(sequence::key(4, 4, u64::from(k)), 0).next4();
-            let height = if k % 3 == 0 { 0.5 + 2.0 * c } else { 6.0 + 0.5 * c };
+            let height = if k.is_multiple_of(3) { 0.5 + 2.0 * c } else { 6.0 + 0.5 * c };
             let position = Vec3::new(60.0 * a - 30.0, height, 30.0 * b - 15.0);
             let kind = LightKind::Point { position, intensity: Vec3::splat(0.5 + d), range: None };
             Punctual::new(kind, LightMode::Baked, Vec3::ZERO).expect("a lamp")

@@ -99,10 +99,10 @@ impl Lights {
 
     /// Bytes that lamps, emissive triangles and their tree take, about.
     #[must_use]
-    pub fn bytes(&self) -> usize {
+    pub fn bytes(&self) -> u64 {
         let tree = self.many.as_ref().map_or(0, ManyLights::bytes);
         let grid = self.lamp_grid.as_ref().map_or(0, LampGrid::bytes);
-        self.punctual.len() * size_of::<Punctual>() + self.emitters.bytes() + tree + grid as usize
+        (self.punctual.len() * size_of::<Punctual>() + self.emitters.bytes() + tree) as u64 + grid
     }
 
     /// The tree, if lamps are in it.

@@ -244,7 +244,7 @@ impl Memory {
             atlas: layouts,
             tracing: (World::BYTES as u64 * triangles)
                 + tracing.bvh.bytes() as u64
-                + tracing.lights.bytes() as u64
+                + tracing.lights.bytes()
                 + seams.bytes() as u64,
             build: BUILD_PER_TRIANGLE * triangles,
             seams: seams.bytes_to_find() as u64,

@@ -148,7 +148,7 @@ impl<const AIR: bool> Kernel<'_, AIR> {
     ) {
         let Some(fires) = self.fires() else { return };
         let [u, v, w, _] = sequence.next4();
-        pick(
+        let total = pick(
             fires,
             p,
             (1, [u, v, w]),
@@ -160,6 +160,9 @@ impl<const AIR: bool> Kernel<'_, AIR> {
                 visit(wi, light * self.unblocked(&in_air(p), wi, t_max, rays));
             },
         );
+        if !total.is_finite() {
+            visit(Vec3A::Y, Vec3::splat(total));
+        }
     }
 
     /// The first surface that light does not pass in a direction from a place in the air.

@@ -38,10 +38,13 @@ struct Picks<const N: usize> {
 impl<const N: usize> Picks<N> {
     fn offer(&mut self, a: &Arriving<'_>, n: usize, light: Rgb) {
         let weight = luminance(light).abs();
-        if !(0.0 < weight) {
+        if weight == 0.0 {
             return;
         }
         self.total += weight;
+        if !self.total.is_finite() {
+            return;
+        }
         let chance = weight / self.total;
         for (rest, pick) in self.rest[..n].iter_mut().zip(&mut self.picks) {
             if *rest < chance {
@@ -54,14 +57,14 @@ impl<const N: usize> Picks<N> {
     }
 }
 
-/// What a place gets of lights in a hierarchy: each of `n` that are chosen brings its direction, how far it is and what it stands for, of which `cosine` is a part by the direction.
+/// What a place gets of lights in a hierarchy, all together unhindered, and each of `n` that are chosen brings its direction, how far it is and what it stands for, of which `cosine` is a part by the direction.
 pub(crate) fn pick<L: GridLights>(
     lights: &L,
     place: Vec3A,
     (n, [u, v, w]): (usize, [f32; 3]),
     cosine: impl Fn(Vec3A) -> f32,
     mut visit: impl FnMut(Vec3A, Rgb),
-) {
+) -> f32 {
     let n = n.clamp(1, MOST);
     let rest = std::array::from_fn(|k| (u + k as f32 / n as f32).fract());
     let mut picks = Picks::<MOST> { total: 0.0, rest, picks: [None; MOST] };
@@ -71,11 +74,16 @@ pub(crate) fn pick<L: GridLights>(
             picks.offer(a, n, a.illuminance * cos);
         }
     });
+    if !picks.total.is_finite() {
+        // Nothing can be chosen by such weights: it is for the gate to count.
+        return picks.total;
+    }
     for (k, pick) in picks.picks[..n].iter().flatten().enumerate() {
         let turn = f64::from(v) + f64::from(w) / 8_388_608.0 + k as f64 * GOLDEN;
         let light = lights.hierarchy().one_of(pick.level, pick.number, turn.fract());
         visit(light.position, pick.colour * (picks.total / n as f32));
     }
+    picks.total
 }
 
 impl<const AIR: bool> Kernel<'_, AIR> {
@@ -93,7 +101,7 @@ impl<const AIR: bool> Kernel<'_, AIR> {
             if wi.dot(vertex.geometric_normal) <= 0.0 { 0.0 } else { wi.dot(vertex.shading_normal) }
         };
         let mut sum = Vec3::ZERO;
-        pick(lights, vertex.position, numbers, cosine, |position, light| {
+        let total = pick(lights, vertex.position, numbers, cosine, |position, light| {
             let way = position - vertex.position;
             // What lies behind the surface is hidden by it.
             if way.dot(vertex.geometric_normal) <= 0.0 {
@@ -104,6 +112,6 @@ impl<const AIR: bool> Kernel<'_, AIR> {
             let slack = offset_distance(position.abs().max_element());
             sum += light * FRAC_1_PI * seen(way / distance, distance - slack, rays);
         });
-        sum
+        if total.is_finite() { sum } else { Vec3::splat(total) }
     }
 }

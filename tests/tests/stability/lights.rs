@@ -139,12 +139,29 @@ fn near(group: &mut Group) {
 }
 
 fn many(group: &mut Group) {
-    group.add("100000 lamps in one place are one", 1e-5, || {
-        let all = vec![(Vec3::new(0.2, 1.0, 0.3), 1.0 / 1e5); 100_000];
+    for mode in ["auto", "grid"] {
+        group.add(format!("100000 lamps in one place are one, {mode}"), 1e-5, move || {
+            let all = vec![(Vec3::new(0.2, 1.0, 0.3), 1.0 / 1e5); 100_000];
+            let at = [[0.0, 0.0, 0.0], [1.0, 0.0, -1.0]];
+            let got = points(&lamps(&all), &at.map(|p| [p, UP]), &[&ALONE[..], &["--direct", mode]].concat());
+            let one = [(Vec3::new(0.2, 1.0, 0.3), 1.0)];
+            got.iter().zip(at).map(|(g, p)| off(g[0].x, exact(&one, p.into()))).fold(0.0, f64::max)
+        });
+    }
+    // A hierarchy is not exact, but the dim ones must not take from the bright one, nor it from them.
+    group.add("1e12 between the brightest and the dimmest lamp, grid", 1e-2, || {
+        let mut all = spread(200, Vec3::new(-2.0, 0.5, -2.0), Vec3::new(2.0, 2.0, 2.0), 1e-6);
+        all.push((Vec3::new(0.5, 1.5, 0.0), 1e6));
         let at = [[0.0, 0.0, 0.0], [1.0, 0.0, -1.0]];
-        let got = points(&lamps(&all), &at.map(|p| [p, UP]), &ALONE);
-        let one = [(Vec3::new(0.2, 1.0, 0.3), 1.0)];
-        got.iter().zip(at).map(|(g, p)| off(g[0].x, exact(&one, p.into()))).fold(0.0, f64::max)
+        let got = points(&lamps(&all), &at.map(|p| [p, UP]), &[&ALONE[..], &["--direct", "grid"]].concat());
+        got.iter().zip(at).map(|(g, p)| off(g[0].x, exact(&all, p.into()))).fold(0.0, f64::max)
+    });
+    group.add("a lamp a tenth of a millimetre above a floor, among 200 others, grid", 1e-2, || {
+        let mut all = spread(200, Vec3::new(-2.0, 0.5, -2.0), Vec3::new(2.0, 2.0, 2.0), 1.0);
+        all.push((Vec3::new(0.0, 1e-4, 0.0), 1.0));
+        let at = [[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [1.0, 0.0, -1.0]];
+        let got = points(&lamps(&all), &at.map(|p| [p, UP]), &[&ALONE[..], &["--direct", "grid"]].concat());
+        got.iter().zip(at).map(|(g, p)| off(g[0].x, exact(&all, p.into()))).fold(0.0, f64::max)
     });
     for mode in ["lightcuts", "published", "all"] {
         group.add(format!("1e12 between the brightest and the dimmest lamp, {mode}"), 1e-6, move || {
@@ -197,7 +214,7 @@ fn many(group: &mut Group) {
         let got = points(&glb.finish(), &[[[0.0; 3], UP]], &ALONE);
         off(got[0][0].x, exact(&all[..2], DVec3::ZERO))
     });
-    for mode in ["auto", "lightcuts", "published"] {
+    for mode in ["auto", "lightcuts", "published", "grid"] {
         group.add(format!("one lamp among 99 black ones, {mode}"), 1e-5, move || {
             let mut all = spread(99, Vec3::new(-2.0, 0.5, -2.0), Vec3::new(2.0, 2.0, 2.0), 0.0);
             all.push((Vec3::new(0.5, 1.5, 0.0), 3.0));

@@ -259,16 +259,7 @@ impl Hierarchy {
         }
         for l in 1..hierarchy.levels.len() {
             let parts = hierarchy.parts(l);
-            let here = &mut hierarchy.levels[l];
-            for parts in parts {
-                here.begins.push(here.parts.len() as u32);
-                let mut sum = 0.0;
-                here.parts.extend(parts.iter().map(|(child, part)| {
-                    sum += part;
-                    (*child as u32, sum)
-                }));
-            }
-            here.begins.push(here.parts.len() as u32);
+            hierarchy.levels[l].stands_for(&parts);
         }
         hierarchy
     }
@@ -503,7 +494,7 @@ impl Level {
         if blend == Blend::Conserving {
             for l in &level.lights {
                 let links = links(l);
-                #[expect(clippy::cast_possible_truncation, reason = "at most 8 of 100,000 lights")]
+                #[expect(clippy::cast_possible_truncation, reason = "at most 8 of fewer than 2^29 lights")]
                 level.above.push((level.links.len() as u32, apart(l, &links)));
                 level.links.extend(links);
             }
@@ -514,6 +505,22 @@ impl Level {
             from += chunk.len();
         }
         level
+    }
+}
+
+impl Level {
+    /// Keeps which lights of the level below its own stand for.
+    #[expect(clippy::cast_possible_truncation, reason = "at most 8 parts of fewer than 2^29 lights")]
+    fn stands_for(&mut self, parts: &[Vec<(usize, f32)>]) {
+        for parts in parts {
+            self.begins.push(self.parts.len() as u32);
+            let mut sum = 0.0;
+            self.parts.extend(parts.iter().map(|(child, part)| {
+                sum += part;
+                (*child as u32, sum)
+            }));
+        }
+        self.begins.push(self.parts.len() as u32);
     }
 }
 
