@@ -354,6 +354,55 @@ fn trees_are_exact() {
     assert!(lux(&a).iter().zip(lux(&twice)).all(|(one, two)| *one * 2.0 == two));
 }
 
+/// Texels of a bake of a file, a number each, and processor seconds.
+fn hall(folder: &tempfile::TempDir, args: &[&str]) -> (Vec<f64>, f64) {
+    let _ = tool::bake(&[&["run"], args, &["-o", "out"]].concat(), folder.path()).expect(0);
+    let out = folder.path().join("out");
+    let page = Page::read(&out.join("lightmap-0.exr")).unwrap();
+    let timings: Value = serde_json::from_slice(&fs::read(out.join("timings.json")).unwrap()).unwrap();
+    fs::remove_dir_all(out).unwrap();
+    let texels = (0..page.height).flat_map(|y| (0..page.width).map(move |x| (x, y)));
+    let covered = texels.filter(|&(x, y)| page.get("A", x, y).is_some_and(|a| 0.5 < a));
+    let light = covered.map(|(x, y)| f64::from(page.rgb("", x, y).element_sum())).collect();
+    (light, timings["cpu_seconds"].as_f64().unwrap())
+}
+
+/// Light straight from 600 and 5,000 lamps of the hall, with as many rays: what a hierarchy costs, how much noise it saves, and how far its mean is off.
+#[test]
+fn a_hall_by_a_hierarchy() {
+    if !suite::slow() {
+        println!("skipped: a_hall_by_a_hierarchy: RUN_SLOW_TESTS is not 1");
+        return;
+    }
+    for n in [600, 5000] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = write(&folder, "lamps.glb", &lamps(n, 0));
+        let by = |args: &[&str]| {
+            let fixed = [&path, "--texels-per-metre", "1", "--bounces", "0", "--seams", "off"];
+            hall(&folder, &[&fixed[..], &["--probes", "off", "--direct"], args].concat())
+        };
+        let (want, _) = by(&["all", "--samples", "4"]);
+        let mean = want.iter().sum::<f64>() / want.len() as f64;
+        let measured = |way: &[&str]| {
+            let of = |seed| by(&[way, &["--samples", "16", "--seed", seed]].concat());
+            let ((p, seconds), (q, _)) = (of("1"), of("2"));
+            let square = p.iter().zip(&q).map(|(p, q)| (p - q).powi(2)).sum::<f64>() / p.len() as f64;
+            let off = p.iter().chain(&q).sum::<f64>() / (2.0 * mean * p.len() as f64) - 1.0;
+            let noise = (0.5 * square).sqrt() / mean;
+            println!(
+                "{n} lamps, {way:?}: noise {:.1} %, mean {:+.2} %, {seconds:.1} s",
+                100.0 * noise,
+                100.0 * off
+            );
+            (noise, off)
+        };
+        let tree = measured(&["lightcuts"]);
+        let _ = measured(&["grid", "--direct-alpha", "2"]);
+        let grid = measured(&["grid"]);
+        assert!(grid.0 < 0.7 * tree.0 && grid.1.abs() < 0.015, "{grid:?} {tree:?}");
+    }
+}
+
 /// The hall with 5,000 lamps and 50,000 emissive triangles, in equal time at least ten times the efficiency of choosing by intensity.
 #[test]
 fn a_hall_of_lamps() {
@@ -366,17 +415,8 @@ fn a_hall_of_lamps() {
     let path = write(&folder, "lamps.glb", &scene);
     let efficiency = |direct: &str| {
         let bake = |seed: &str| {
-            let args = ["run", &path, "-o", seed, "--texels-per-metre", "2", "--samples", "64", "--direct"];
-            let _ = tool::bake(&[&args[..], &[direct, "--seed", seed]].concat(), folder.path()).expect(0);
-            let out = folder.path().join(seed);
-            let page = Page::read(&out.join("lightmap-0.exr")).unwrap();
-            let timings: Value =
-                serde_json::from_slice(&fs::read(out.join("timings.json")).unwrap()).unwrap();
-            fs::remove_dir_all(out).unwrap();
-            let texels = (0..page.height).flat_map(|y| (0..page.width).map(move |x| (x, y)));
-            let covered = texels.filter(|&(x, y)| page.get("A", x, y).is_some_and(|a| 0.5 < a));
-            let light: Vec<f64> = covered.map(|(x, y)| f64::from(page.rgb("", x, y).element_sum())).collect();
-            (light, timings["cpu_seconds"].as_f64().unwrap())
+            let args = [&path, "--texels-per-metre", "2", "--samples", "64", "--direct", direct];
+            hall(&folder, &[&args[..], &["--seed", seed]].concat())
         };
         let ((p, seconds), (q, _)) = (bake("1"), bake("2"));
         let mean = p.iter().sum::<f64>() / p.len() as f64;
