@@ -152,6 +152,13 @@ fn a_window_takes_keys_and_closes() {
 
     let first = snap(&display, dir.path(), "bounded-000.png");
     assert_eq!(first.dimensions(), (640, 400));
+    let dark = || {
+        let screen = display.picture();
+        let left = screen.enumerate_pixels().filter(|(x, y, _)| *x < 200 && *y < 200);
+        left.filter(|(.., p)| p.0.iter().all(|v| *v < 60)).count()
+    };
+    // The first frame has no panel yet.
+    wait("the panel", || 20_000 < dark());
     // What is on the screen is this picture, beside the panel on the left; the keys on the right go away.
     display.xdotool(&["key", "h"]);
     wait("the picture on the screen", || {
@@ -159,12 +166,7 @@ fn a_window_takes_keys_and_closes() {
         let strip = |p: &RgbImage| image::imageops::crop_imm(p, 300, 20, 320, 360).to_image();
         mean_difference(&strip(&screen), &strip(&first)) < 1.0
     });
-    let panel = display.picture();
-    let dark = panel
-        .enumerate_pixels()
-        .filter(|(x, y, p)| *x < 200 && *y < 200 && p.0.iter().all(|v| *v < 60))
-        .count();
-    assert!(20_000 < dark, "{dark} dark pixels where the panel should be");
+    assert!(20_000 < dark(), "{} dark pixels where the panel should be", dark());
 
     let snaps: Vec<RgbImage> = [
         // The lightmap alone, then lit again but without fog, nearer, brighter.
