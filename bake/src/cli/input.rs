@@ -152,7 +152,7 @@ pub(crate) fn force(args: &[String], run: &RunConfig) -> Result<Force, Error> {
 ///
 /// # Errors
 ///
-/// If the file's word is not known, and for what is reserved.
+/// If the file's word is not known.
 pub(crate) fn direct(arg: Option<DirectArg>, run: &RunConfig) -> Result<Direct, Error> {
     let arg = match (arg, &run.direct) {
         (None, Some(text)) => word(text, "run.direct")?,
